@@ -1,0 +1,1 @@
+"""Estimators and wizards that fit the result models of ``mvp.calibrated``."""

@@ -1,0 +1,1 @@
+"""First-party driver plugins, one file each. Loaded by key through entry points."""

@@ -1,0 +1,1 @@
+"""Byte-level far ends of the wires. They share no codec with the drivers."""

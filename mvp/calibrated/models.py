@@ -1,0 +1,108 @@
+"""Results of a calibration as data: what was found, how well, when and on what.
+
+The planner and the run read these; only ``calibration`` fits them. Files are JSON.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from mvp.fileedge import FileModel
+
+
+class Provenance(FileModel):
+    """Where a result comes from and what it may be used for."""
+
+    date: str
+    device_serial: str
+    method: str
+    simulated: bool = False
+    input_sha256: str = ""
+    temperature_c: float | None = None
+
+
+class Quality(FileModel):
+    """How good it is: residual, error at the working distance, and a verdict."""
+
+    verdict: Literal["go", "marginal", "no-go"]
+    rms_px: float | None = None
+    rms_mm: float | None = None
+    error_95_mm: float | None = None
+    reasons: list[str] = Field(default_factory=list)
+
+
+class CameraCalibration(FileModel):
+    """Sensor, principal point and distortion (OpenCV's order and meaning)."""
+
+    schema_: Literal["mvp-cell/camera/1"] = Field(alias="schema")
+    provenance: Provenance
+    quality: Quality
+    width_px: int = Field(gt=1)
+    height_px: int = Field(gt=1)
+    pitch_x_um: float = Field(gt=0)
+    pitch_y_um: float = Field(gt=0)
+    centre_x_px: float
+    centre_y_px: float
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+    standard_deviation: dict[str, float] = Field(default_factory=dict)
+
+
+class AxisTable(FileModel):
+    """One motor axis: steps against a physical value, both strictly monotonic.
+
+    ``approach`` is the side from which every node was reached; ``backlash_steps`` the
+    measured width; ``repeatability_steps`` one standard deviation.
+    """
+
+    steps: list[int] = Field(min_length=2)
+    values_mm: list[float] = Field(min_length=2)
+    approach: Literal["from_below", "from_above"] = "from_below"
+    backlash_steps: int = Field(default=0, ge=0)
+    repeatability_steps: float = Field(default=0.0, ge=0)
+
+
+class LensTableCalibration(FileModel):
+    """Motor steps to f, d, a and the pupil offset e.
+
+    f depends on zoom alone, a on iris alone. The focus axis gives the extension
+    x = d - f (mm); for a parfocal zoom x is the same at every zoom.
+    """
+
+    schema_: Literal["mvp-cell/lens-table/1"] = Field(alias="schema")
+    provenance: Provenance
+    quality: Quality
+    zoom_f_mm: AxisTable
+    focus_extension_mm: AxisTable
+    iris_a_mm: AxisTable
+    pupil_offset_mm: float = 0.0
+    d_standard_deviation_mm: float = Field(default=0.0, ge=0)
+    f_standard_deviation_mm: float = Field(default=0.0, ge=0)
+    a_standard_deviation_mm: float = Field(default=0.0, ge=0)
+
+
+class RigidCalibration(FileModel):
+    """A rigid transform ``target_from_source`` with its 6 x 6 covariance.
+
+    Covariance order: translation (mm), then rotation vector (rad), in the target frame.
+    ``reference_d_mm`` and ``reference_f_mm``: the lens setting a hand-eye result belongs
+    to; the entrance pupil moves along the optical axis with d (towards the object as d
+    grows), and ``mvp.cell`` applies that shift.
+    """
+
+    schema_: Literal["mvp-cell/hand-eye/1", "mvp-cell/part-pose/1"] = Field(
+        alias="schema"
+    )
+    provenance: Provenance
+    quality: Quality
+    target: str
+    source: str
+    matrix: list[list[float]]
+    covariance: list[list[float]] | None = None
+    reference_d_mm: float | None = None
+    reference_f_mm: float | None = None

@@ -1,0 +1,72 @@
+"""What a driver is built with: time, randomness, the world it may be part of."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import threading
+
+
+class Clock(Protocol):
+    """Monotonic time and a wait that another thread can cut short."""
+
+    def now_s(self) -> float:
+        """Monotonic time, s."""
+        ...
+
+    def wait(self, event: threading.Event, seconds: float) -> bool:
+        """Wait at most ``seconds`` of this clock; True when the event was set."""
+        ...
+
+
+class RealClock:
+    """The clock on the wall (monotonic); the one every real cell runs on."""
+
+    def now_s(self) -> float:
+        """Monotonic time, s."""
+        return time.monotonic()
+
+    def wait(self, event: threading.Event, seconds: float) -> bool:
+        """Wait at most ``seconds``; True when the event was set."""
+        return event.wait(max(0.0, seconds))
+
+
+class ScaledClock:
+    """Runs ``speed`` times as fast as the wall; for virtual cells only."""
+
+    def __init__(self, speed: float) -> None:
+        if not speed > 0:
+            raise ValueError("a clock must run forwards")
+        self._speed = speed
+        self._origin = time.monotonic()
+
+    def now_s(self) -> float:
+        """Monotonic time of this clock, s."""
+        return self._origin + (time.monotonic() - self._origin) * self._speed
+
+    def wait(self, event: threading.Event, seconds: float) -> bool:
+        """Wait at most ``seconds`` of this clock; True when the event was set."""
+        return event.wait(max(0.0, seconds) / self._speed)
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceContext:
+    """Handed to ``from_config`` of every driver.
+
+    Attributes:
+        clock: time; drivers never call ``time`` themselves.
+        rng: randomness of simulated devices.
+        folder: where relative paths of the device's configuration start.
+        world: the shared truth of a virtual or simulated cell, else None.
+    """
+
+    clock: Clock = field(default_factory=RealClock)
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    folder: Path = field(default_factory=Path)
+    world: object | None = None

@@ -1,0 +1,225 @@
+"""What the cell asks of an arm, a lens and a camera. Small, synchronous, blocking.
+
+Promises kept by every driver and proved by ``mvp.testing``:
+
+- constructors do no I/O; ``open`` and ``close`` are idempotent; ``with`` works;
+- connecting never moves anything;
+- a motion has a deadline, returns what was *reached*, and has a ``check_*`` twin that
+  raises ``LimitError`` and cannot move;
+- ``stop`` may be called from any thread, at any time, more than once, and makes a
+  motion in progress raise ``MotionStopped``;
+- a time-out is an error, nothing is clamped, nothing is retried.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import (
+    TYPE_CHECKING,
+    ClassVar,
+    Literal,
+    Protocol,
+    Self,
+    TypeAlias,
+    runtime_checkable,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+Role: TypeAlias = Literal["arm", "lens", "camera"]
+Axis: TypeAlias = Literal["zoom", "focus", "iris"]
+AXES: tuple[Axis, ...] = ("zoom", "focus", "iris")
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """Who answered: for the record and for ``check``."""
+
+    name: str
+    driver: str
+    model: str
+    serial: str
+    firmware: str
+    simulated: bool
+    extra: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ArmState:
+    """Joints (n,) in rad or mm per axis, flange pose, and whether it stands still."""
+
+    joints: tuple[float, ...]
+    base_from_tool: NDArray[np.float64]
+    standing: bool
+    t_monotonic_s: float
+
+
+@dataclass(frozen=True)
+class LensState:
+    """Motor steps per axis and whether every axis is homed and standing."""
+
+    zoom: int
+    focus: int
+    iris: int
+    homed: bool
+    standing: bool
+    position_is_estimated: bool = False
+
+    def steps(self) -> dict[str, int]:
+        """The three positions by axis name."""
+        return {"zoom": self.zoom, "focus": self.focus, "iris": self.iris}
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture and everything known about its time.
+
+    Attributes:
+        pixels: (rows, columns) uint8 or uint16, linear in light.
+        full_scale: grey value of a saturated pixel.
+        exposure_start_s: earliest moment light may have been collected, monotonic.
+        exposure_s: exposure time.
+        received_s: when the host had it, monotonic.
+        frame_id: the camera's own counter.
+        dropped: frames known to be lost since the last one.
+    """
+
+    pixels: NDArray[np.uint8] | NDArray[np.uint16]
+    full_scale: int
+    exposure_start_s: float
+    exposure_s: float
+    received_s: float
+    frame_id: int
+    gain: float = 1.0
+    dropped: int = 0
+
+
+@runtime_checkable
+class Device(Protocol):
+    """What all devices have in common."""
+
+    role: ClassVar[Role]
+    name: str
+
+    def open(self) -> None:
+        """Connect. Moves nothing.
+
+        Raises:
+            ConnectError: nobody answers.
+        """
+        ...
+
+    def close(self) -> None:
+        """Disconnect; safe to repeat."""
+        ...
+
+    def info(self) -> DeviceInfo:
+        """Identity and versions."""
+        ...
+
+    def stop(self) -> None:
+        """Stop now, from any thread; a convenience, never the safety function."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *exc: object) -> None: ...
+
+
+@runtime_checkable
+class Arm(Device, Protocol):
+    """A robot arm or gantry that carries the camera."""
+
+    def state(self) -> ArmState:
+        """Where it is now."""
+        ...
+
+    def check_joints(self, joints: Sequence[float]) -> None:
+        """Raise ``LimitError`` when the target is outside the limits. Never moves."""
+        ...
+
+    def move_joints(
+        self, joints: Sequence[float], *, speed_fraction: float = 1.0, timeout_s: float
+    ) -> ArmState:
+        """Move along a straight line in joint space; return where it stands.
+
+        Raises:
+            LimitError: refused, nothing moved.
+            DeviceTimeout: did not arrive in time (``stop`` has been called).
+            DeviceFault: the controller reports a fault.
+            MotionStopped: ``stop`` was called.
+        """
+        ...
+
+    def duration_s(
+        self,
+        start: Sequence[float],
+        target: Sequence[float],
+        *,
+        speed_fraction: float = 1.0,
+    ) -> float:
+        """How long such a move should take, for deadlines and progress."""
+        ...
+
+
+@runtime_checkable
+class Lens(Device, Protocol):
+    """A motorised lens. Speaks motor steps only; f, d, a exist above the lens table."""
+
+    def limits(self) -> dict[Axis, tuple[int, int]]:
+        """Lowest and highest step of each axis."""
+        ...
+
+    def state(self) -> LensState:
+        """Where the motors are now."""
+        ...
+
+    def home(self, *, timeout_s: float) -> LensState:
+        """Find the reference of every axis. Moves."""
+        ...
+
+    def check_steps(self, *, zoom: int, focus: int, iris: int) -> None:
+        """Raise ``LimitError`` when outside the limits. Never moves."""
+        ...
+
+    def move_steps(
+        self, *, zoom: int, focus: int, iris: int, timeout_s: float
+    ) -> LensState:
+        """Move every axis, arriving from the side the lens table was measured from.
+
+        Raises:
+            LimitError: out of range or not homed; nothing moved.
+            DeviceTimeout, DeviceFault, MotionStopped: as for the arm.
+        """
+        ...
+
+
+@runtime_checkable
+class Camera(Device, Protocol):
+    """A camera that never hands out a picture from before the arm stood still."""
+
+    def exposure_range_s(self) -> tuple[float, float]:
+        """Shortest and longest exposure."""
+        ...
+
+    def configure(self, *, exposure_s: float, gain: float = 1.0) -> None:
+        """Set and read back; automatic exposure off.
+
+        Raises:
+            LimitError: outside the camera's range.
+            DeviceFault: the value read back differs.
+        """
+        ...
+
+    def capture(self, *, not_before_s: float, timeout_s: float) -> Frame:
+        """One frame whose exposure began at or after ``not_before_s`` (monotonic).
+
+        Raises:
+            DeviceTimeout: no such frame in time.
+            DeviceFault: frames arrive with holes.
+        """
+        ...
