@@ -1,1 +1,54 @@
-"""See the module docstrings."""
+"""Margins of a batch of views: one file per constraint, all with the same shape."""
+
+from mvp.constraints.base import (
+    N_COORDINATES,
+    SHIFT,
+    TURN,
+    Constraint,
+    Kind,
+    Report,
+    Reporting,
+    Rows,
+    margin_report,
+    worst_of,
+)
+from mvp.constraints.field_of_view import (
+    FieldOfViewCircle,
+    FieldOfViewRectangle,
+    half_extents_mm,
+)
+from mvp.constraints.focus import FocusFar, FocusNear
+from mvp.constraints.resolution import Resolution
+from mvp.constraints.sigma import (
+    Uncertainty,
+    margin_deviation,
+    rows_index,
+    sigma_index,
+)
+from mvp.constraints.visibility import Visibility
+from mvp.constraints.workspace import Workspace
+
+__all__ = [
+    "N_COORDINATES",
+    "SHIFT",
+    "TURN",
+    "Constraint",
+    "FieldOfViewCircle",
+    "FieldOfViewRectangle",
+    "FocusFar",
+    "FocusNear",
+    "Kind",
+    "Report",
+    "Reporting",
+    "Resolution",
+    "Rows",
+    "Uncertainty",
+    "Visibility",
+    "Workspace",
+    "half_extents_mm",
+    "margin_deviation",
+    "margin_report",
+    "rows_index",
+    "sigma_index",
+    "worst_of",
+]
