@@ -186,9 +186,7 @@ def _cast(
     layers: int,
 ) -> list[_Hits]:
     scene = rtcore_scene.EmbreeScene()
-    EmbreeMesh(
-        scene, mesh.vertices_mm.astype(np.float32), mesh.faces.astype(np.int32)
-    )
+    EmbreeMesh(scene, mesh.vertices_mm.astype(np.float32), mesh.faces.astype(np.int32))
     forward = eye.axes[2]
     directions = np.broadcast_to(forward, origins.shape).astype(np.float32)
     travelled = np.zeros(len(origins))
@@ -236,9 +234,7 @@ def _crease(hits: _Hits, eye: Eye) -> BoolArray:
     return mask
 
 
-def _ink_edges(
-    rgb: FloatArray, hits: _Hits, surface: Surface, eye: Eye
-) -> FloatArray:
+def _ink_edges(rgb: FloatArray, hits: _Hits, surface: Surface, eye: Eye) -> FloatArray:
     if not surface.edges:
         return rgb
     return np.where(_crease(hits, eye)[..., None], np.array(_INK), rgb)
