@@ -1,0 +1,185 @@
+"""The virtual camera's picture of a scene through a real lens setting.
+
+``render`` draws linear grey; ``expose`` (sensor_noise) makes the frame of it. Pixels far
+from any edge take one ray; what lies within reach of an edge is mixed exactly or
+sampled jointly over pixel area, pupil and diffraction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from mvp.imaging.diffraction import THIRD_RING
+from mvp.imaging.light import Illumination
+from mvp.imaging.pupil import WAVELENGTH_MM, PupilOptics, joint_samples
+from mvp.imaging.render_sampled import sampled_pixels
+from mvp.imaging.render_scene import RenderScene
+from mvp.imaging.render_texture import blurred_prints
+from mvp.imaging.render_view import CameraView
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mvp.geometry import BoolArray, IntArray, Pose
+    from mvp.imaging.light import Float32Array
+    from mvp.imaging.pupil import JointSamples
+    from mvp.imaging.render_body import RenderBody
+    from mvp.optics import Intrinsics
+
+
+@dataclass(frozen=True)
+class RenderQuality:
+    """How a picture is drawn.
+
+    Attributes:
+        edge_samples: joint samples per pixel within reach of an edge, a power of 2.
+        print_samples: joint samples of a printed target, a power of 2.
+        defocus: draw the blur circle.
+        diffraction: draw the Airy pattern.
+        wavelength_mm: of the light.
+    """
+
+    edge_samples: int = 64
+    print_samples: int = 32
+    defocus: bool = True
+    diffraction: bool = True
+    wavelength_mm: float = WAVELENGTH_MM
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedImage:
+    """What falls on the sensor.
+
+    Attributes:
+        grey: (rows, columns) radiance seen by each pixel, linear, 1 = white at full
+            light; not yet dimmed by the aperture.
+        brightness: (a / f_cal)^2, the factor to image irradiance.
+        view: camera, lens and scene of the picture.
+    """
+
+    grey: Float32Array
+    brightness: float
+    view: CameraView
+
+    @cached_property
+    def depth_mm(self) -> Float32Array:
+        """(rows, columns) z under each pixel's centre; inf where nothing is hit."""
+        return self.view.depth_mm
+
+    @cached_property
+    def face_id(self) -> IntArray:
+        """(rows, columns) face id, distinct over all bodies; -1 for none."""
+        return np.asarray(self.view.scene.face_ids[self.view.triangles])
+
+    @cached_property
+    def body_id(self) -> IntArray:
+        """(rows, columns) index of the body; -1 for none."""
+        return np.asarray(self.view.scene.body_ids[self.view.triangles])
+
+
+def render(
+    bodies: Sequence[RenderBody] | RenderScene,
+    world_from_camera: Pose,
+    *,
+    d_mm: float,
+    f_mm: float,
+    a_mm: float,
+    intrinsics: Intrinsics,
+    e_mm: float = 0.0,
+    light: Illumination | None = None,
+    quality: RenderQuality | None = None,
+) -> RenderedImage:
+    """Draw one picture; the camera's origin is the entrance pupil.
+
+    Args:
+        bodies: the scene; pass a ``RenderScene`` to draw it many times.
+        world_from_camera: pose of the camera, z forward.
+        d_mm, f_mm, a_mm, e_mm: the lens setting.
+        intrinsics: sensor, principal point, distortion.
+        light: standard light when None.
+        quality: standard quality when None.
+    """
+    scene = bodies if isinstance(bodies, RenderScene) else RenderScene(bodies)
+    quality = quality or RenderQuality()
+    optics = PupilOptics(d_mm, f_mm, a_mm, e_mm, quality.wavelength_mm)
+    light = light or Illumination()
+    view = CameraView(scene, world_from_camera, optics, intrinsics, light)
+    grey = _plain(view)
+    _prints(view, grey, quality)
+    _edges(view, grey, quality)
+    return RenderedImage(grey, optics.brightness, view)
+
+
+def _plain(view: CameraView) -> Float32Array:
+    """One ray per pixel."""
+    directions = view.rays.directions.reshape(-1, 3)
+    triangles = view.triangles.reshape(-1)
+    depth = np.where(triangles < 0, np.float32(1), view.depth_mm.reshape(-1))
+    return view.shade(triangles, directions * depth[:, None]).reshape(view.shape)
+
+
+def _prints(view: CameraView, grey: Float32Array, quality: RenderQuality) -> None:
+    if any(body.texture is not None for body in view.scene.bodies):
+        blurred_prints(view, grey, _samples(view, quality.print_samples, quality))
+
+
+def _edges(view: CameraView, grey: Float32Array, quality: RenderQuality) -> None:
+    band = edge_band(view, quality)
+    pixels = np.flatnonzero(band)
+    samples = _samples(view, quality.edge_samples, quality)
+    grey.reshape(-1)[pixels] = sampled_pixels(view, pixels, samples)
+
+
+def _samples(view: CameraView, count: int, quality: RenderQuality) -> JointSamples:
+    return joint_samples(
+        count, view.optics, defocus=quality.defocus, diffraction=quality.diffraction
+    )
+
+
+def edge_band(view: CameraView, quality: RenderQuality) -> BoolArray:
+    """Pixels within reach of an edge: (rows, columns)."""
+    planes = view.scene.plane_ids[view.triangles]
+    seeds = np.zeros(view.shape, dtype=np.uint8)
+    across = planes[:, 1:] != planes[:, :-1]
+    down = planes[1:] != planes[:-1]
+    seeds[:, 1:] |= across
+    seeds[:, :-1] |= across
+    seeds[1:] |= down
+    seeds[:-1] |= down
+    return _grown(seeds, _reach_px(view, quality))
+
+
+def _reach_px(view: CameraView, quality: RenderQuality) -> Float32Array:
+    """(rows, columns) how far an edge at this depth spreads."""
+    pitch = view.pitch_mm.min()
+    reach = np.full(view.shape, 0.5, dtype=np.float32)
+    if quality.diffraction:
+        reach += THIRD_RING * view.optics.airy_unit_mm / pitch
+    if quality.defocus:
+        finite = np.where(np.isfinite(view.depth_mm), view.depth_mm, np.inf)
+        reach += (view.optics.blur_mm(finite) / (2 * pitch)).astype(np.float32)
+    return reach
+
+
+def _grown(seeds: BoolArray, reach_px: Float32Array) -> BoolArray:
+    """Seeds grown by their own reach, rounded up in a few steps."""
+    band = seeds > 0
+    limit = 1.0
+    rest = band.copy()
+    while rest.any():
+        now = rest & (reach_px <= limit)
+        if now.any():
+            size = 2 * int(np.ceil(limit)) + 1
+            disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+            band |= cv2.dilate(now.astype(np.uint8), disc) > 0
+        rest &= ~now
+        limit = limit * 1.3 + 0.5
+        if limit > max(reach_px.shape):
+            band[:] = True
+            break
+    return band
