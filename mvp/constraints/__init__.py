@@ -12,12 +12,14 @@ from mvp.constraints.base import (
     margin_report,
     worst_of,
 )
+from mvp.constraints.enclosing import enclosing_sphere
 from mvp.constraints.field_of_view import (
     FieldOfViewCircle,
     FieldOfViewRectangle,
     half_extents_mm,
 )
 from mvp.constraints.focus import FocusFar, FocusNear
+from mvp.constraints.lens_range import LensBound, LensRange
 from mvp.constraints.resolution import Resolution
 from mvp.constraints.sigma import (
     Uncertainty,
@@ -38,6 +40,8 @@ __all__ = [
     "FocusFar",
     "FocusNear",
     "Kind",
+    "LensBound",
+    "LensRange",
     "Report",
     "Reporting",
     "Resolution",
@@ -45,6 +49,7 @@ __all__ = [
     "Uncertainty",
     "Visibility",
     "Workspace",
+    "enclosing_sphere",
     "half_extents_mm",
     "margin_deviation",
     "margin_report",

@@ -1,7 +1,51 @@
 """Views, sensor, thick lens, projection, blur budget, lens table."""
 
+from mvp.optics.blur import (
+    BlurBudget,
+    airy_diameter_mm,
+    airy_fwhm_mm,
+    smallest_pupil_mm,
+    working_f_number,
+)
 from mvp.optics.intrinsics import Intrinsics
+from mvp.optics.lens_table import (
+    LensSetting,
+    LensSteps,
+    LensTable,
+    MotorAxis,
+    pupil_shift_mm,
+)
 from mvp.optics.sensor import Sensor
-from mvp.optics.views import Views, single_view
+from mvp.optics.thick_lens import (
+    depth_limits_mm,
+    equal_blur_image_distance_mm,
+    focus_distance_mm,
+    image_distance_mm,
+    principal_distance_mm,
+    signed_blur_mm,
+)
+from mvp.optics.views import Views, concatenated, single_view
 
-__all__ = ["Intrinsics", "Sensor", "Views", "single_view"]
+__all__ = [
+    "BlurBudget",
+    "Intrinsics",
+    "LensSetting",
+    "LensSteps",
+    "LensTable",
+    "MotorAxis",
+    "Sensor",
+    "Views",
+    "airy_diameter_mm",
+    "airy_fwhm_mm",
+    "concatenated",
+    "depth_limits_mm",
+    "equal_blur_image_distance_mm",
+    "focus_distance_mm",
+    "image_distance_mm",
+    "principal_distance_mm",
+    "pupil_shift_mm",
+    "signed_blur_mm",
+    "single_view",
+    "smallest_pupil_mm",
+    "working_f_number",
+]
