@@ -1,0 +1,188 @@
+"""Where to start: many random views, culled cheaply, the best distinct ones kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mvp.constraints import Visibility
+from mvp.geometry import TriangleMesh
+from mvp.optics import Views
+from mvp.optics.thick_lens import equal_blur_image_distance_mm
+from mvp.optics.views import concatenated
+
+if TYPE_CHECKING:
+    from mvp.geometry import BoolArray, FloatArray, IntArray
+    from mvp.planning.problem import PlanningProblem
+    from mvp.planning.rows import RowTable
+
+_CHUNK = 10_000
+_ENOUGH = 2_000
+_FEW = 200
+_AIM_SPREAD = 0.05
+_NEAREST_RADII = 1.3
+_DISTINCT = 0.15
+_INWARD_MM = (0.5, 100.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """Candidates inside every region, best first.
+
+    Attributes:
+        views: N candidates. ``worst``: (N,) smallest index, descending.
+        tried: how many were drawn.
+    """
+
+    views: Views
+    worst: FloatArray
+    tried: int
+
+
+def screen(
+    problem: PlanningProblem, table: RowTable, rng: np.random.Generator
+) -> Screened:
+    """Draw candidates, keep those inside the visibility region, sort by worst index."""
+    kept: list[Views] = []
+    count = tried = 0
+    while tried < problem.candidates and count < _ENOUGH:
+        size = min(_CHUNK, problem.candidates - tried)
+        views = aimed(problem, orbit_positions(problem, size, rng), rng)
+        kept.append(views[inside(problem, views.position_mm)])
+        count += len(kept[-1])
+        tried += size
+    if count < _FEW:
+        kept.append(from_boundary(problem, rng))
+    return ranked(problem, table, concatenated(kept)[: 2 * _ENOUGH], tried)
+
+
+def ranked(
+    problem: PlanningProblem, table: RowTable, views: Views, tried: int
+) -> Screened:
+    """Views that pass the further filter, by their worst index, descending."""
+    views = views[problem.accepted(views)] if len(views) else views
+    if not len(views):
+        return Screened(views, np.zeros(0), tried)
+    worst = table.worst(table.index(views))
+    order = np.argsort(-worst, kind="stable")
+    return Screened(views[order], worst[order], tried)
+
+
+def inside(problem: PlanningProblem, points: FloatArray) -> BoolArray:
+    """Which points lie inside the search box and every visibility region, (N,)."""
+    good = problem.workspace.contains(points)
+    for constraint in problem.constraints:
+        if isinstance(constraint, Visibility) and good.any():
+            good[good] = in_region(constraint, points[good])
+    return good
+
+
+def in_region(constraint: Visibility, points: FloatArray) -> BoolArray:
+    """Which points (N, 3) see the features, by the cheapest exact test there is."""
+    contains = getattr(constraint.region, "contains", None)
+    if callable(contains):
+        return np.asarray(contains(points), dtype=bool)
+    return np.asarray(constraint.region.signed_distance(points) >= 0)
+
+
+def orbit_positions(
+    problem: PlanningProblem, count: int, rng: np.random.Generator
+) -> FloatArray:
+    """Uniform directions about the target, log-uniform distances, (count, 3) mm."""
+    direction = rng.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    low = max(_NEAREST_RADII * problem.target_radius_mm, 2 * problem.lens.f_mm[0])
+    high = max(problem.farthest_mm, 2 * low)
+    distance = np.exp(rng.uniform(np.log(low), np.log(high), count))
+    return np.asarray(problem.target_centre_mm + direction * distance[:, None])
+
+
+def from_boundary(problem: PlanningProblem, rng: np.random.Generator) -> Views:
+    """Views just inside the walls of the region: finds it however narrow it is."""
+    found = []
+    for constraint in problem.constraints:
+        mesh = getattr(getattr(constraint, "region", None), "mesh", None)
+        if isinstance(mesh, TriangleMesh) and len(mesh.faces):
+            found.append(_inward(mesh, rng))
+    if not found:
+        found = [np.zeros((0, 3))]
+    points = np.concatenate(found)
+    points = points[inside(problem, points)] if len(points) else points
+    gap = np.linalg.norm(points - problem.target_centre_mm, axis=1)
+    points = points[gap > _NEAREST_RADII * problem.target_radius_mm]
+    return aimed(problem, points[:_ENOUGH], rng)
+
+
+def _inward(mesh: TriangleMesh, rng: np.random.Generator) -> FloatArray:
+    area = mesh.areas_mm2
+    per_face = np.full(len(area), 1.0 / max(len(area), 1))
+    chance = (area / area.sum() + per_face) / 2 if area.sum() > 0 else per_face
+    face = rng.choice(len(area), size=_CHUNK, p=chance)
+    weights = rng.dirichlet(np.ones(3), size=_CHUNK)
+    on_face = np.einsum("nk,nkj->nj", weights, mesh.triangles_mm[face])
+    depth = np.exp(rng.uniform(*np.log(_INWARD_MM), _CHUNK))
+    return np.asarray(on_face - mesh.normals[face] * depth[:, None])
+
+
+def aimed(
+    problem: PlanningProblem, positions: FloatArray, rng: np.random.Generator
+) -> Views:
+    """Views from positions (N, 3) at the target, sharpest common focus, random lens."""
+    count = len(positions)
+    rotation = looking_at(problem.target_centre_mm, positions)
+    if problem.roll_free:
+        roll = np.zeros((count, 3))
+        roll[:, 2] = rng.uniform(-np.pi, np.pi, count)
+        rotation = rotation @ Rotation.from_rotvec(roll).as_matrix()
+    tilt = np.zeros((count, 3))
+    tilt[:, :2] = rng.normal(scale=_AIM_SPREAD, size=(count, 2))
+    rotation = rotation @ Rotation.from_rotvec(tilt).as_matrix()
+    lens = problem.lens
+    views = Views(
+        rotation,
+        positions,
+        np.full(count, lens.d_mm[0]),
+        np.exp(rng.uniform(*np.log(lens.f_mm), count)),
+        np.exp(rng.uniform(*np.log(lens.a_mm), count)),
+        np.full(count, lens.e_mm),
+    )
+    return focused(problem, views)
+
+
+def looking_at(target: FloatArray, positions: FloatArray) -> FloatArray:
+    """Rotations (N, 3, 3) whose z axis points at the target; roll is arbitrary."""
+    n = target - positions
+    length = np.linalg.norm(n, axis=1, keepdims=True)
+    n = np.where(length > 0, n / np.where(length > 0, length, 1.0), [0.0, 0.0, -1.0])
+    helper = np.where(np.abs(n[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    x = np.cross(helper, n)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(n, x), n], axis=2)
+
+
+def focused(problem: PlanningProblem, views: Views) -> Views:
+    """The same views with equal blur at the nearest and the farthest key point."""
+    if not len(views) or not problem.lens.d_free:
+        return problem.lens.clipped(views)
+    depth = views.camera_points(problem.key_points_mm)[..., 2]
+    near = np.maximum(depth.min(axis=1), 1.1 * views.f_mm)
+    far = np.maximum(depth.max(axis=1), near)
+    d = equal_blur_image_distance_mm(near, far, views.f_mm, views.e_mm)
+    return problem.lens.clipped(replace(views, d_mm=d))
+
+
+def distinct(problem: PlanningProblem, screened: Screened, count: int) -> IntArray:
+    """Numbers of the best candidates that differ by 15 % of their distance."""
+    position = screened.views.position_mm
+    reach = np.linalg.norm(position - problem.target_centre_mm, axis=1)
+    alive = np.ones(len(position), dtype=bool)
+    chosen: list[int] = []
+    while len(chosen) < count and alive.any():
+        best = int(np.flatnonzero(alive)[0])
+        chosen.append(best)
+        gap = np.linalg.norm(position - position[best], axis=1)
+        alive &= gap > _DISTINCT * reach[best]
+    return np.array(chosen, dtype=np.int64)

@@ -1,0 +1,184 @@
+"""All constraints of a problem as one table of rows, in standard deviations.
+
+The index of a row is margin / standard deviation of that margin under the cell's
+errors (first order). Rows of hard kinds keep their own unit; they only must not be
+negative.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mvp.constraints.base import SHIFT
+from mvp.constraints.sigma import margin_deviation
+from mvp.optics.views import concatenated
+
+if TYPE_CHECKING:
+    from mvp.constraints.base import Constraint, Kind
+    from mvp.geometry import BoolArray, FloatArray
+    from mvp.optics import Views
+    from mvp.planning.chart import Chart
+    from mvp.planning.problem import PlanningProblem
+
+# Distances: their gradient is a unit vector, so the scale does not move with the view.
+_CONSTANT_SCALE: frozenset[Kind] = frozenset(
+    {"visibility", "workspace", "lens_range", "reach", "clearance"}
+)
+_INDEX_LIMIT = 1e6
+_SCALE_FLOOR = 1e-9
+_DIFFERENCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """Rows of N views.
+
+    Attributes:
+        value: (N, R) margins in their own units.
+        gradient: (N, R, 9) by the error coordinates.
+        scale: (N, R) standard deviation of each margin; 1 for hard rows.
+    """
+
+    value: FloatArray
+    gradient: FloatArray
+    scale: FloatArray
+
+    @property
+    def index(self) -> FloatArray:
+        """(N, R) margin over standard deviation, kept finite."""
+        ratio = self.value / np.maximum(self.scale, _SCALE_FLOOR)
+        return np.asarray(np.clip(ratio, -_INDEX_LIMIT, _INDEX_LIMIT))
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """First-order model of the indices of N views in chart coordinates.
+
+    Attributes:
+        index: (N, R).
+        slope: (N, R, n) derivative of the index by y.
+        jacobian: (N, 9, n) error coordinates by y.
+        shift_slope: (N, R, 3) derivative of the index by the pupil's shift at a
+            fixed scale: what corrects the distance rows for a curved step.
+    """
+
+    index: FloatArray
+    slope: FloatArray
+    jacobian: FloatArray
+    shift_slope: FloatArray
+
+    def of(self, which: int) -> Linearised:
+        """The model of one view, kept as N = 1."""
+        keep = slice(which, which + 1)
+        return Linearised(
+            self.index[keep],
+            self.slope[keep],
+            self.jacobian[keep],
+            self.shift_slope[keep],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RowTable:
+    """Evaluates every constraint of a problem in one go."""
+
+    constraints: tuple[Constraint, ...]
+    sigma: FloatArray
+    hard_kinds: frozenset[Kind]
+
+    @classmethod
+    def of(cls, problem: PlanningProblem) -> RowTable:
+        """The table of one problem."""
+        return cls(problem.constraints, problem.uncertainty.sigma, problem.hard_kinds)
+
+    @cached_property
+    def kinds(self) -> tuple[Kind, ...]:
+        """Requirement of each row, (R,)."""
+        return tuple(c.kind for c in self.constraints for _ in c.labels)
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """What each row is about, (R,)."""
+        return tuple(label for c in self.constraints for label in c.labels)
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each row, (R,)."""
+        return tuple(c.unit for c in self.constraints for _ in c.labels)
+
+    @cached_property
+    def hard(self) -> BoolArray:
+        """Which rows only must not be negative, (R,)."""
+        return np.array([kind in self.hard_kinds for kind in self.kinds])
+
+    @cached_property
+    def curved(self) -> BoolArray:
+        """Rows whose scale moves with the view, (R,)."""
+        return np.array([kind not in _CONSTANT_SCALE for kind in self.kinds])
+
+    def mask(self, kind: Kind) -> BoolArray:
+        """Rows of one requirement, (R,)."""
+        return np.array([k == kind for k in self.kinds])
+
+    def evaluate(self, views: Views, *, curved_only: bool = False) -> Evaluated:
+        """Margins, gradients and scales of N views."""
+        values, gradients = [], []
+        for constraint in self.constraints:
+            if curved_only and constraint.kind in _CONSTANT_SCALE:
+                continue
+            rows = constraint.rows(views, gradient=True)
+            if rows.gradient is None:
+                raise ValueError(f"{constraint.kind} rows came without a gradient")
+            values.append(rows.value)
+            gradients.append(rows.gradient)
+        if not values:
+            empty = np.zeros((len(views), 0))
+            return Evaluated(empty, empty[:, :, None], empty)
+        value = np.concatenate(values, axis=1)
+        gradient = np.concatenate(gradients, axis=1)
+        hard = self.hard[self.curved] if curved_only else self.hard
+        scale = margin_deviation(gradient, self.sigma)
+        scale[:, hard] = 1.0
+        return Evaluated(value, gradient, scale)
+
+    def index(self, views: Views) -> FloatArray:
+        """Indices (N, R)."""
+        return self.evaluate(views).index
+
+    def worst(self, index: FloatArray) -> FloatArray:
+        """Smallest index (N,) over the rows that have one; -inf if a hard row fails."""
+        soft = index[:, ~self.hard].min(axis=1)
+        failed = (index[:, self.hard] < 0).any(axis=1)
+        return np.where(failed, np.minimum(soft, -_INDEX_LIMIT), soft)
+
+    def linearise(self, views: Views, chart: Chart) -> Linearised:
+        """Indices and their slopes; 2 n displaced views give the scale's slope."""
+        here = self.evaluate(views)
+        jacobian = chart.jacobian(views)
+        scale = np.maximum(here.scale, _SCALE_FLOOR)
+        slope = np.einsum("nrk,nkj->nrj", here.gradient, jacobian) / scale[..., None]
+        curved = self.curved & ~self.hard
+        if curved.any():
+            change = self._scale_slope(views, chart)
+            relative = change / scale[:, self.curved, None]
+            slope[:, self.curved] -= here.index[:, self.curved, None] * relative
+        np.clip(slope, -_INDEX_LIMIT, _INDEX_LIMIT, out=slope)
+        shift_slope = here.gradient[:, :, SHIFT] / scale[..., None]
+        return Linearised(here.index, slope, jacobian, shift_slope)
+
+    def _scale_slope(self, views: Views, chart: Chart) -> FloatArray:
+        """Derivative of the curved rows' scale by y, (N, R_curved, n)."""
+        step = _DIFFERENCE * chart.shape
+        displaced = []
+        for sign in (1.0, -1.0):
+            for j in range(chart.n):
+                y = np.zeros((len(views), chart.n))
+                y[:, j] = sign * step[j]
+                displaced.append(chart.retract(views, y))
+        scales = self.evaluate(concatenated(displaced), curved_only=True).scale
+        plus, minus = scales.reshape(2, chart.n, len(views), -1)
+        return np.asarray(np.moveaxis((plus - minus) / (2 * step[:, None, None]), 0, 2))

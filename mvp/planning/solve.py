@@ -1,0 +1,284 @@
+"""The planner: pre-screen, search from distinct starts, second stage, ranking."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from mvp.constraints import margin_report
+from mvp.optics.views import concatenated
+from mvp.planning.candidates import Screened, distinct, screen
+from mvp.planning.chance import failure_probability
+from mvp.planning.chart import Chart
+from mvp.planning.rows import RowTable
+from mvp.planning.search import Climbed, Limits, climb
+from mvp.planning.starts import Start, user_starts
+from mvp.planning.step import Duals, LinearModel, by_kind, max_min
+
+if TYPE_CHECKING:
+    from mvp.constraints import Kind
+    from mvp.geometry import FloatArray
+    from mvp.optics import Views
+    from mvp.planning.problem import PlanningProblem, Progress
+
+Status: TypeAlias = Literal["admissible", "infeasible"]
+
+_KEEP = 0.95
+_CAP = 3.0
+_POLISHED = 3
+_SAME = 1e-3
+_COMPARED_AT_SIGMA = 3.3
+_SECOND_STAGE_STEPS = 25
+_PROBE_RADIUS = 0.05
+
+
+@dataclass(frozen=True)
+class KindMargin:
+    """Worst margin of one requirement at one view.
+
+    Attributes:
+        value: in ``unit`` as a plan promises it; inf when ``unbounded``.
+        index: smallest of its rows in standard deviations.
+        row: what the worst row is about.
+    """
+
+    value: float
+    unit: str
+    index: float
+    unbounded: bool
+    row: str
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """One view that the search ended at.
+
+    Attributes:
+        view: the view, N = 1.
+        index: (R,) every row in standard deviations.
+        t: the smallest of them.
+        status: whether every constraint holds.
+        margins: worst margin of every requirement.
+        binding: requirement with the largest dual.
+        binding_row: its row, in the user's words.
+        duals: who holds the optimum.
+        start: where the search began.
+        stage: what was maximised last.
+        steps: accepted steps.
+        failure_probability: at the stated errors; None if not drawn.
+        component: number of the region's piece, None if it is one piece.
+        notes: repairs and choices, in the user's words.
+    """
+
+    view: Views
+    index: FloatArray
+    t: float
+    status: Status
+    margins: dict[Kind, KindMargin]
+    binding: Kind
+    binding_row: str
+    duals: Duals
+    start: str
+    stage: Literal["max-min", "second stage"]
+    steps: int
+    failure_probability: float | None = None
+    component: int | None = None
+    notes: tuple[str, ...] = field(default=())
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """Everything one run of the search found out.
+
+    Attributes:
+        solutions: best first, one per distinct end.
+        screened: the candidates it started from.
+    """
+
+    solutions: tuple[Solution, ...]
+    screened: Screened
+
+
+def solve(
+    problem: PlanningProblem, *, seed: int, progress: Progress | None = None
+) -> list[Solution]:
+    """Search; the best solution first, also when none is admissible.
+
+    The list is empty only when no candidate sees the features at all. The same seed
+    gives the same answer.
+    """
+    return list(attempt(problem, seed=seed, progress=progress).solutions)
+
+
+def attempt(
+    problem: PlanningProblem, *, seed: int, progress: Progress | None = None
+) -> Attempt:
+    """``solve``, with the candidates: what an explanation of a failure needs."""
+    tell = progress or (lambda stage, share: None)
+    table, chart = RowTable.of(problem), Chart.of(problem)
+    tell("candidates", 0.0)
+    screened = screen(problem, table, np.random.default_rng([seed, 0]))
+    starts = _starts(problem, screened)
+    if not starts:
+        return Attempt((), screened)
+    tell("search", 0.2)
+    first = LinearModel(table, chart, max_min(table))
+    ended = climb(problem, first, concatenated([s.view for s in starts]))
+    order = _ranking(ended)
+    tell("second stage", 0.8)
+    found = [_solution(problem, first, ended, k, starts[k]) for k in order]
+    best = _second_stage(problem, table, chart, found, seed)
+    tell("done", 1.0)
+    return Attempt((best, *found[1:]), screened)
+
+
+def _starts(problem: PlanningProblem, screened: Screened) -> list[Start]:
+    chosen = distinct(problem, screened, problem.starts)
+    own = [Start(screened.views[int(k)], f"candidate {k + 1}") for k in chosen]
+    return [*user_starts(problem, screened), *own]
+
+
+def _ranking(ended: Climbed) -> list[int]:
+    """Ends by merit, without those that repeat a better one."""
+    order: list[int] = []
+    for k in np.argsort(-ended.value, kind="stable"):
+        place = ended.views.position_mm[k]
+        repeated = any(
+            abs(ended.value[j] - ended.value[k]) < _SAME
+            and np.linalg.norm(ended.views.position_mm[j] - place) < 1.0
+            for j in order
+        )
+        if not repeated:
+            order.append(int(k))
+    return order
+
+
+def _solution(
+    problem: PlanningProblem, model: LinearModel, ended: Climbed, k: int, start: Start
+) -> Solution:
+    return described(
+        problem,
+        model,
+        ended.views[k],
+        start=start.name,
+        steps=int(ended.steps[k]),
+        notes=start.notes,
+    )
+
+
+def described(
+    problem: PlanningProblem,
+    model: LinearModel,
+    view: Views,
+    *,
+    start: str,
+    steps: int = 0,
+    notes: tuple[str, ...] = (),
+) -> Solution:
+    """All that is known of one view: margins, indices, who binds."""
+    table = model.table
+    linear = table.linearise(view, model.chart)
+    index = linear.index[0]
+    step = model.solve(view, linear, _PROBE_RADIUS)
+    duals = Duals(np.zeros(len(index))) if step is None else step.duals
+    t = float(table.worst(linear.index)[0])
+    row = _binding_row(table, index, duals)
+    return Solution(
+        view=view,
+        index=index,
+        t=t,
+        status="admissible" if t >= 0 else "infeasible",
+        margins=margins(problem, table, view, index),
+        binding=table.kinds[row],
+        binding_row=table.labels[row],
+        duals=duals,
+        start=start,
+        stage="max-min",
+        steps=steps,
+        notes=notes,
+    )
+
+
+def _binding_row(table: RowTable, index: FloatArray, duals: Duals) -> int:
+    """The row with the largest dual of the requirement with the largest share."""
+    if duals.rows.sum() <= 0:
+        return int(np.argmin(np.where(table.hard, np.inf, index)))
+    share = {kind: duals.rows[table.mask(kind)].sum() for kind in set(table.kinds)}
+    kind = max(sorted(share), key=lambda k: float(share[k]))
+    return int(np.argmax(np.where(table.mask(kind), duals.rows, -1.0)))
+
+
+def margins(
+    problem: PlanningProblem, table: RowTable, view: Views, index: FloatArray
+) -> dict[Kind, KindMargin]:
+    """Worst margin of every requirement, in the plan's units and in sigmas."""
+    found: dict[Kind, KindMargin] = {}
+    start = 0
+    for constraint in problem.constraints:
+        rows = index[start : start + len(constraint.labels)]
+        start += len(constraint.labels)
+        if not len(rows):
+            continue
+        report = margin_report(constraint, view)
+        margin = KindMargin(
+            float(report.value[0]),
+            report.unit,
+            float(rows.min()),
+            bool(report.unbounded[0]),
+            report.label(0),
+        )
+        known = found.get(constraint.kind)
+        if known is None or margin.index < known.index:
+            found[constraint.kind] = margin
+    return found
+
+
+def _second_stage(
+    problem: PlanningProblem,
+    table: RowTable,
+    chart: Chart,
+    found: list[Solution],
+    seed: int,
+) -> Solution:
+    """Give up 5 % of the smallest index to raise the others, if that fails less."""
+    best = found[0]
+    if best.t <= 0:
+        return best
+    merit = by_kind(table, _KEEP * best.t, _CAP * best.t)
+    ended = climb(
+        problem,
+        LinearModel(table, chart, merit),
+        best.view,
+        limits=Limits(steps=_SECOND_STAGE_STEPS, small_gain=1e-2),
+    )
+    model = LinearModel(table, chart, max_min(table))
+    other = described(
+        problem,
+        model,
+        ended.views,
+        start=best.start,
+        steps=best.steps + int(ended.steps[0]),
+        notes=best.notes,
+    )
+    return _safer(problem, best, replace(other, stage="second stage"), seed)
+
+
+def _safer(
+    problem: PlanningProblem, first: Solution, second: Solution, seed: int
+) -> Solution:
+    """The one that fails less, with errors enlarged until failures can be counted."""
+    factor = max(1.0, first.t / _COMPARED_AT_SIGMA)
+    enlarged = problem.uncertainty.scaled(factor)
+
+    def chance(solution: Solution, at: int) -> float:
+        rng = np.random.default_rng([seed, 1])
+        sigma = enlarged if at else problem.uncertainty
+        return failure_probability(problem, solution.view, rng, uncertainty=sigma)
+
+    chosen = first
+    if second.t >= (_KEEP - 1e-3) * first.t and chance(second, 1) < chance(first, 1):
+        chosen = second
+    probability = chance(chosen, 0)
+    return replace(chosen, failure_probability=probability)

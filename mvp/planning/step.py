@@ -1,0 +1,227 @@
+"""One step of the search: what is maximised, and the linear programme for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mvp.constraints.base import D
+from mvp.planning.linear import LinearSolution, LinearSolver, linear_solver
+
+if TYPE_CHECKING:
+    from mvp.geometry import BoolArray, FloatArray, IntArray
+    from mvp.optics import Views
+    from mvp.planning.chart import Chart
+    from mvp.planning.rows import Linearised, RowTable
+
+PENALTY_PER_SIGMA = 50.0
+_UNBOUNDED = 1e7
+
+
+@dataclass(frozen=True, eq=False)
+class Merit:
+    """What is maximised: sum over groups of min(cap, smallest index in the group).
+
+    Attributes:
+        groups: (R,) group of each row, -1 for none.
+        caps: (G,) largest value a group is credited with.
+        floors: (R,) lower bounds of rows; every sigma below costs the penalty.
+    """
+
+    groups: IntArray
+    caps: FloatArray
+    floors: FloatArray
+
+    def group_values(self, index: FloatArray) -> FloatArray:
+        """Credited value of every group, (N, G)."""
+        columns = [
+            np.minimum(index[:, self.groups == g].min(axis=1), cap)
+            for g, cap in enumerate(self.caps)
+        ]
+        return np.stack(columns, axis=1)
+
+    def shortfall(self, index: FloatArray) -> FloatArray:
+        """Largest violation of a floor, (N,) >= 0."""
+        return np.asarray(np.max(self.floors - index, axis=1, initial=0.0))
+
+    def value(self, index: FloatArray) -> FloatArray:
+        """(N,) merit of indices (N, R)."""
+        credit = self.group_values(index).sum(axis=1)
+        return np.asarray(credit - PENALTY_PER_SIGMA * self.shortfall(index))
+
+
+def max_min(table: RowTable) -> Merit:
+    """The default: the smallest index over all rows, hard rows not negative."""
+    groups = np.where(table.hard, -1, 0)
+    floors = np.where(table.hard, 0.0, -np.inf)
+    return Merit(groups, np.array([_UNBOUNDED]), floors)
+
+
+def by_kind(table: RowTable, floor: float, cap: float) -> Merit:
+    """Second stage: the sum over kinds of the worst index, none below ``floor``."""
+    soft = [k for k, hard in zip(table.kinds, table.hard, strict=True) if not hard]
+    number = {kind: g for g, kind in enumerate(dict.fromkeys(soft))}
+    groups = [
+        -1 if hard else number[kind]
+        for kind, hard in zip(table.kinds, table.hard, strict=True)
+    ]
+    floors = np.where(table.hard, 0.0, floor)
+    return Merit(np.array(groups), np.full(len(number), cap), floors)
+
+
+def relax_kind(table: RowTable, kind: str) -> Merit:
+    """The worst index of one requirement, all others required to hold."""
+    chosen = np.array([k == kind for k in table.kinds])
+    floors = np.where(chosen, -np.inf, 0.0)
+    return Merit(np.where(chosen, 0, -1), np.array([_UNBOUNDED]), floors)
+
+
+@dataclass(frozen=True, eq=False)
+class Duals:
+    """Who holds the optimum: weights of rows (sum 1 for one group) and of bounds.
+
+    Attributes:
+        rows: (R,) dual of every row, >= 0.
+        bounds: dual of a lens bound by name ("d_min", "f_max", ...), merit per mm.
+    """
+
+    rows: FloatArray
+    bounds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step y (n,), the merit the model promises there, and who limits it."""
+
+    y: FloatArray
+    predicted: float
+    duals: Duals
+
+
+class LinearModel:
+    """Builds and solves the linear programme of one view.
+
+    Columns: y, one t per group, one shortfall v. Rows: index >= t of its group,
+    index + v >= floor, lens bounds on d.
+    """
+
+    def __init__(self, table: RowTable, chart: Chart, merit: Merit) -> None:
+        self.table = table
+        self.chart = chart
+        self.merit = merit
+        self._solver: LinearSolver = linear_solver()
+
+    def solve(self, view: Views, model: Linearised, radius: float) -> Step | None:
+        """The best step of one view inside the trust radius; None if there is none."""
+        low, high = self.chart.box(view, radius)
+        index, slope = model.index[0], model.slope[0]
+        grouped, floored = self._relevant(index, slope, np.maximum(-low, high))
+        rows, rows_low = self._index_rows(index, slope, grouped, floored)
+        bounds, bounds_low, names = self._lens_rows(view, model.jacobian[0])
+        n_groups = len(self.merit.caps)
+        cost = np.zeros(rows.shape[1])
+        cost[self.chart.n :] = 1.0
+        cost[-1] = -PENALTY_PER_SIGMA
+        solution = self._solver.maximise(
+            cost,
+            np.concatenate([rows, bounds]),
+            np.concatenate([rows_low, bounds_low]),
+            np.concatenate([low, np.full(n_groups, -_UNBOUNDED), [0.0]]),
+            np.concatenate([high, self.merit.caps, [_UNBOUNDED]]),
+        )
+        if solution is None:
+            return None
+        chosen = np.concatenate([grouped, floored])
+        duals = self._duals(solution, chosen, names, view)
+        y = np.clip(solution.x[: self.chart.n], low, high)
+        return Step(y, float(cost @ solution.x), duals)
+
+    def _relevant(
+        self, index: FloatArray, slope: FloatArray, reach: FloatArray
+    ) -> tuple[IntArray, IntArray]:
+        """Rows that can matter within the box: as members of a group, as floors."""
+        spread = np.abs(slope) @ reach
+        member = np.zeros(len(index), dtype=bool)
+        for g, cap in enumerate(self.merit.caps):
+            group = self.merit.groups == g
+            best = min(float((index + spread)[group].min()), float(cap))
+            member |= group & (index - spread <= best)
+        floored = index - spread < self.merit.floors
+        return np.flatnonzero(member), np.flatnonzero(floored)
+
+    def _index_rows(
+        self,
+        index: FloatArray,
+        slope: FloatArray,
+        grouped: IntArray,
+        floored: IntArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        n, n_groups = self.chart.n, len(self.merit.caps)
+        rows = np.zeros((len(grouped) + len(floored), n + n_groups + 1))
+        rows[: len(grouped), :n] = slope[grouped]
+        rows[np.arange(len(grouped)), n + self.merit.groups[grouped]] = -1.0
+        rows[len(grouped) :, :n] = slope[floored]
+        rows[len(grouped) :, -1] = 1.0
+        low = np.concatenate(
+            [-index[grouped], self.merit.floors[floored] - index[floored]]
+        )
+        return rows, low
+
+    def _lens_rows(
+        self, view: Views, jacobian: FloatArray
+    ) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+        """d_min and d_max as rows; f and a are bounds of their own coordinates."""
+        width = self.chart.n + len(self.merit.caps) + 1
+        if not self.chart.lens.d_free:
+            return np.zeros((0, width)), np.zeros(0), ()
+        rows = np.zeros((2, width))
+        rows[0, : self.chart.n] = jacobian[D]
+        rows[1, : self.chart.n] = -jacobian[D]
+        d_low, d_high = self.chart.lens.d_mm
+        d = float(view.d_mm[0])
+        low = np.array([min(d_low - d, 0.0), min(d - d_high, 0.0)])
+        return rows, low, ("d_min", "d_max")
+
+    def _duals(
+        self,
+        solution: LinearSolution,
+        chosen: IntArray,
+        names: tuple[str, ...],
+        view: Views,
+    ) -> Duals:
+        weights = np.zeros(len(self.table.kinds))
+        np.add.at(weights, chosen, np.abs(solution.row_duals[: len(chosen)]))
+        bounds = {
+            name: float(abs(dual))
+            for name, dual in zip(names, solution.row_duals[len(chosen) :], strict=True)
+            if abs(dual) > 1e-9
+        }
+        return Duals(weights, bounds | self._box_duals(solution, view))
+
+    def _box_duals(self, solution: LinearSolution, view: Views) -> dict[str, float]:
+        """Duals of f and a where the lens, not the trust region, is the bound."""
+        lens = self.chart.lens
+        column = self.chart.n_orbit + 3 + int(lens.d_free)
+        found = {}
+        for name, free, value, (low, high) in (
+            ("f", lens.f_free, float(view.f_mm[0]), lens.f_mm),
+            ("a", lens.a_free, float(view.a_mm[0]), lens.a_mm),
+        ):
+            if not free:
+                continue
+            dual = abs(float(solution.box_duals[column])) / value
+            moved = value * float(np.exp(solution.x[column]))
+            if dual > 1e-9 and np.isclose(moved, low, rtol=1e-6):
+                found[f"{name}_min"] = dual
+            if dual > 1e-9 and np.isclose(moved, high, rtol=1e-6):
+                found[f"{name}_max"] = dual
+            column += 1
+        return found
+
+
+def held_by(rows: BoolArray, duals: Duals) -> float:
+    """Share of the duals that a set of rows carries, 0 to 1."""
+    total = float(duals.rows.sum())
+    return float(duals.rows[rows].sum()) / total if total > 0 else 0.0
