@@ -1,1 +1,74 @@
-"""See the module docstrings."""
+"""Arm models, camera placement by (19)-(25), clearance, paths."""
+
+from mvp.kinematics.camera_pose import (
+    base_from_part,
+    base_from_tool,
+    camera_rotation,
+    part_from_camera,
+    pupil_shift_mm,
+    roll_of,
+    tool_from_camera_at,
+)
+from mvp.kinematics.capsule import Capsule, Capsules, carried
+from mvp.kinematics.clearance import (
+    CellBodies,
+    Nearest,
+    Obstacle,
+    blocked_sight,
+    box_mesh,
+    obstacles,
+)
+from mvp.kinematics.gantry import Gantry
+from mvp.kinematics.model import ArmModel, jacobian, singularity_margin
+from mvp.kinematics.models import ARM_MODELS, arm_model
+from mvp.kinematics.path import (
+    JointPath,
+    NoPath,
+    PathClearance,
+    find_path,
+    segment_clearance,
+)
+from mvp.kinematics.realise import (
+    Placement,
+    ReachMargin,
+    Realisation,
+    Unreachable,
+    realisations,
+)
+from mvp.kinematics.ur import UrArm
+
+__all__ = [
+    "ARM_MODELS",
+    "ArmModel",
+    "Capsule",
+    "Capsules",
+    "CellBodies",
+    "Gantry",
+    "JointPath",
+    "Nearest",
+    "NoPath",
+    "Obstacle",
+    "PathClearance",
+    "Placement",
+    "ReachMargin",
+    "Realisation",
+    "Unreachable",
+    "UrArm",
+    "arm_model",
+    "base_from_part",
+    "base_from_tool",
+    "blocked_sight",
+    "box_mesh",
+    "camera_rotation",
+    "carried",
+    "find_path",
+    "jacobian",
+    "obstacles",
+    "part_from_camera",
+    "pupil_shift_mm",
+    "realisations",
+    "roll_of",
+    "segment_clearance",
+    "singularity_margin",
+    "tool_from_camera_at",
+]
