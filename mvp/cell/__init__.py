@@ -1,1 +1,1 @@
-"""See the module docstrings."""
+"""A configured cell: configuration, plan job, engine, runner, records."""

@@ -1,0 +1,179 @@
+"""What ``cell.toml`` may say. Shape only; each driver checks its own keys."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from mvp.cell.values import (
+    Name,
+    NotNegative,
+    Point,
+    Positive,
+    check_corners,
+)
+from mvp.fileedge import FileModel
+
+
+class DriverRef(BaseModel):
+    """A device: its driver, and keys that only the driver understands."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
+
+    driver: str = Field(min_length=1, description="a key of `mvp-cell drivers`")
+
+    @property
+    def options(self) -> dict[str, object]:
+        """The driver's own keys."""
+        return dict(self.model_extra or {})
+
+
+class WorldRef(BaseModel):
+    """The truth behind a simulated cell; further keys are the world's own."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
+
+    kind: str = Field(min_length=1)
+    clock_speed: float = Field(default=1.0, gt=0, le=1000)
+
+    @property
+    def options(self) -> dict[str, object]:
+        """The world's own keys."""
+        return dict(self.model_extra or {})
+
+
+class ToolBody(FileModel):
+    """A capsule fixed to the flange, in the tool frame."""
+
+    name: Name
+    from_mm: Point
+    to_mm: Point
+    radius_mm: Positive
+
+
+class KinematicsConfig(FileModel):
+    """Which arm it is, and what it carries."""
+
+    model: str = Field(min_length=1)
+    joint_margin_deg: NotNegative = 3.0
+    home_joints_deg: list[float] = Field(
+        default_factory=list,
+        description="deg for turning axes, mm for sliding axes",
+    )
+    clearance_mm: NotNegative = 5.0
+    tool_bodies: list[ToolBody] = Field(default_factory=list)
+
+
+class CalibrationFiles(FileModel):
+    """Files of ``mvp-cell calibrate``, relative to the cell's folder."""
+
+    camera: str
+    lens_table: str
+    hand_eye: str
+    part_pose: str
+
+
+class OpticsConfig(FileModel):
+    """What counts as sharp, and what is in the drawer."""
+
+    blur_circle_um: Positive
+    extension_tubes_mm: list[Positive] = Field(default_factory=list)
+    wavelength_nm: Positive = 550.0
+
+
+class UncertaintyConfig(FileModel):
+    """One standard deviation each."""
+
+    position_mm: Positive = 1.0
+    angle_deg: Positive = 0.3
+    f_mm: Positive = 0.0125
+    d_mm: Positive = 0.01
+    a_mm: Positive = 0.008
+
+
+class BoxConfig(FileModel):
+    """An axis-aligned box in the base frame."""
+
+    low_mm: Point
+    high_mm: Point
+
+    @model_validator(mode="after")
+    def _not_inside_out(self) -> Self:
+        check_corners(self.low_mm, self.high_mm, "box")
+        return self
+
+
+class FixtureConfig(FileModel):
+    """A body that stands in the cell: a CAD file or a box, in the base frame."""
+
+    name: Name
+    file: str | None = None
+    units: Literal["mm", "in", "m"] | None = None
+    low_mm: Point | None = None
+    high_mm: Point | None = None
+
+    @model_validator(mode="after")
+    def _file_or_box(self) -> Self:
+        box = self.low_mm is not None and self.high_mm is not None
+        if (self.file is not None) == box:
+            raise ValueError(
+                f'fixture "{self.name}" needs either file or low_mm and high_mm'
+            )
+        if self.low_mm is not None and self.high_mm is not None:
+            check_corners(self.low_mm, self.high_mm, f'fixture "{self.name}"')
+        return self
+
+
+class KeepOut(FileModel):
+    """A box, base frame, that nothing of arm or camera may enter."""
+
+    name: Name
+    low_mm: Point
+    high_mm: Point
+
+    @model_validator(mode="after")
+    def _not_inside_out(self) -> Self:
+        check_corners(self.low_mm, self.high_mm, f'keep-out "{self.name}"')
+        return self
+
+
+class SettleConfig(FileModel):
+    """How long to wait after arm and lens report that they stand still."""
+
+    arm_s: NotNegative = Field(default=0.2, le=60)
+    lens_s: NotNegative = Field(default=0.1, le=60)
+
+
+class CellConfig(FileModel):
+    """The whole of ``cell.toml``."""
+
+    schema_version: Literal[1]
+    name: Name
+    description: str = ""
+    default_task: str
+    simulated: bool = False
+    kinematics: KinematicsConfig
+    arm: DriverRef
+    lens: DriverRef
+    camera: DriverRef
+    calibration: CalibrationFiles
+    optics: OpticsConfig
+    uncertainty: UncertaintyConfig = Field(default_factory=UncertaintyConfig)
+    workspace: BoxConfig
+    settle: SettleConfig = Field(default_factory=SettleConfig)
+    fixtures: list[FixtureConfig] = Field(default_factory=list)
+    keep_outs: list[KeepOut] = Field(default_factory=list)
+    world: WorldRef | None = None
+
+    @model_validator(mode="after")
+    def _names_and_world(self) -> Self:
+        names = [b.name for b in (*self.fixtures, *self.keep_outs)]
+        twice = sorted({n for n in names if names.count(n) > 1})
+        if twice:
+            raise ValueError(f'two fixtures or keep-outs are called "{twice[0]}"')
+        if self.world is not None and not self.simulated:
+            raise ValueError(
+                "[world] is the truth of a simulated cell, but simulated is false"
+            )
+        return self

@@ -1,0 +1,258 @@
+"""Executes one view on real or virtual devices: move, set lens, settle, capture.
+
+The picture's exposure begins after arm and lens have confirmed that they stand still
+and the settling times have passed; this is checked again on the frame itself.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
+
+import numpy as np
+
+from mvp.cell.records import Captured, CaptureTimes, Reached, Verified
+from mvp.errors import DeviceFault, MotionStopped
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from mvp.devices import Arm, ArmState, Camera, Clock, Frame, Lens, LensState
+    from mvp.planning.plan import PlannedView
+
+_LOG = logging.getLogger(__name__)
+_ARM_SPARE_S = 15.0
+_LENS_TIMEOUT_S = 120.0
+_CAPTURE_SPARE_S = 10.0
+_ARRIVED_RAD_OR_MM = 2e-3
+
+ExposureSource: TypeAlias = Literal["task", "metered"]
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """How long, how amplified, and who said so."""
+
+    exposure_s: float
+    gain: float
+    source: ExposureSource
+
+
+class ExposureRule(Protocol):
+    """Chooses the exposure of a view; may take metering frames."""
+
+    def __call__(
+        self, view: PlannedView, shoot: Callable[[float, float], Frame]
+    ) -> Exposure:
+        """``shoot(exposure_s, gain)`` takes one frame with everything standing."""
+        ...
+
+
+class PictureStore(Protocol):
+    """Keeps a picture; it is on disk when this returns."""
+
+    def __call__(self, view_id: str, frame: Frame) -> tuple[str, str]:
+        """Name inside the run folder, and SHA-256 of the file."""
+        ...
+
+
+class Verifier(Protocol):
+    """Measures in a picture whether the promise was kept."""
+
+    def __call__(self, view: PlannedView, captured: Captured) -> Verified:
+        """From picture, plan and record only."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class CellDevices:
+    """The three devices and their clock."""
+
+    arm: Arm
+    lens: Lens
+    camera: Camera
+    clock: Clock
+
+
+class CellEngine:
+    """The engine of a cell; see ``mvp.cell.runner.Engine`` for its promises.
+
+    Args:
+        devices: opened devices.
+        settle_s: waits after arm and after lens.
+        preflight: everything that must hold before the first motion.
+    """
+
+    def __init__(
+        self,
+        devices: CellDevices,
+        *,
+        settle_s: tuple[float, float],
+        preflight: Callable[[], None],
+        exposure: ExposureRule,
+        store: PictureStore,
+        verifier: Verifier,
+    ) -> None:
+        self._devices = devices
+        self._settle_s = settle_s
+        self._preflight = preflight
+        self._exposure = exposure
+        self._store = store
+        self._verifier = verifier
+        self._stopped = threading.Event()
+        self._motion = ""
+        self._arm_standing_s = 0.0
+        self._lens_standing_s = 0.0
+
+    def prepare(self) -> None:
+        """Check everything; moves nothing."""
+        self._preflight()
+
+    def move(self, view: PlannedView) -> None:
+        """Drive the arm to the view along the checked path and let it settle.
+
+        Raises:
+            DeviceError: refused, failed, stopped, or not where it was sent.
+        """
+        arm = self._devices.arm
+        target = view.joints_rad
+        deadline_s = 2 * arm.duration_s(arm.state().joints, target) + _ARM_SPARE_S
+        self._motion = f"the arm on its way to {view.id}, for up to {deadline_s:.0f} s"
+        state = arm.move_joints(target, timeout_s=deadline_s)
+        self._check_arm(view, state)
+        self._motion = ""
+        self._arm_standing_s = self._devices.clock.now_s()
+        self._wait(self._settle_s[0], "arm")
+
+    def adjust(self, view: PlannedView) -> None:
+        """Set zoom, focus and iris, arriving from one side, and let them settle.
+
+        Raises:
+            DeviceError: refused, failed, stopped, or not where it was sent.
+        """
+        lens = self._devices.lens
+        self._motion = f"the lens, for up to {_LENS_TIMEOUT_S:.0f} s"
+        if not lens.state().homed:
+            lens.home(timeout_s=_LENS_TIMEOUT_S)
+        steps = view.lens_steps
+        state = lens.move_steps(
+            zoom=steps.zoom,
+            focus=steps.focus,
+            iris=steps.iris,
+            timeout_s=_LENS_TIMEOUT_S,
+        )
+        self._check_lens(view, state)
+        self._motion = ""
+        self._lens_standing_s = self._devices.clock.now_s()
+        self._wait(self._settle_s[1], "lens")
+
+    def capture(self, view: PlannedView) -> Captured:
+        """Choose the exposure, take the picture, and put it on disk.
+
+        Raises:
+            DeviceError: no valid frame, or something moved meanwhile.
+            OutputError: the disk does not take the picture.
+        """
+        exposure = self._exposure(view, self._shoot)
+        not_before_s = self._devices.clock.now_s()
+        frame = self._shoot(exposure.exposure_s, exposure.gain)
+        arm, lens = self._devices.arm.state(), self._devices.lens.state()
+        self._check_arm(view, arm)
+        self._check_lens(view, lens)
+        image, sha256 = self._store(view.id, frame)
+        return Captured(
+            view=view.id,
+            image=image,
+            sha256=sha256,
+            full_scale=frame.full_scale,
+            exposure_s=frame.exposure_s,
+            gain=frame.gain,
+            exposure_source=exposure.source,
+            frame_id=frame.frame_id,
+            dropped=frame.dropped,
+            asked_joints=list(view.joints_rad),
+            asked_lens_steps=view.lens_steps.model_dump(),
+            reached=_reached(arm, lens),
+            times=CaptureTimes(
+                arm_standing_s=self._arm_standing_s,
+                lens_standing_s=self._lens_standing_s,
+                not_before_s=not_before_s,
+                exposure_start_s=frame.exposure_start_s,
+                received_s=frame.received_s,
+            ),
+        )
+
+    def verify(self, view: PlannedView, captured: Captured) -> Verified:
+        """Measure in the picture; never raises for a poor picture."""
+        return self._verifier(view, captured)
+
+    def stop(self) -> Sequence[Exception]:
+        """Stop all three devices, from any thread; every path is tried."""
+        self._stopped.set()
+        failures: list[Exception] = []
+        devices = self._devices
+        for device in (devices.arm, devices.lens, devices.camera):
+            try:
+                device.stop()
+            except Exception as error:
+                failures.append(error)
+        return failures
+
+    def may_still_move(self) -> str:
+        """The motion that was under way, or nothing."""
+        return self._motion
+
+    def _shoot(self, exposure_s: float, gain: float) -> Frame:
+        """One frame whose exposure begins after now."""
+        camera = self._devices.camera
+        camera.configure(exposure_s=exposure_s, gain=gain)
+        not_before_s = self._devices.clock.now_s()
+        frame = camera.capture(
+            not_before_s=not_before_s,
+            timeout_s=4 * exposure_s + _CAPTURE_SPARE_S,
+        )
+        if frame.exposure_start_s < not_before_s:
+            raise DeviceFault(
+                "the frame's exposure began before arm and lens stood still",
+                device=camera.name,
+                hint="the camera's time stamps cannot be trusted; use its software "
+                "trigger",
+            )
+        return frame
+
+    def _wait(self, seconds: float, device: str) -> None:
+        if self._devices.clock.wait(self._stopped, seconds):
+            raise MotionStopped("stopped while settling", device=device)
+
+    def _check_arm(self, view: PlannedView, state: ArmState) -> None:
+        off = np.abs(np.subtract(state.joints, view.joints_rad)).max()
+        if not state.standing or off > _ARRIVED_RAD_OR_MM:
+            raise DeviceFault(
+                f"does not stand at {view.id}: off by {off:.4f} rad (or mm) on one axis"
+                f"{'' if state.standing else ', still moving'}",
+                device=self._devices.arm.name,
+                hint="look for a protective stop or a collision before going on",
+            )
+
+    def _check_lens(self, view: PlannedView, state: LensState) -> None:
+        asked, reached = view.lens_steps.model_dump(), state.steps()
+        off = {a: reached[a] - asked[a] for a in asked if reached[a] != asked[a]}
+        if not state.standing or off:
+            raise DeviceFault(
+                f"does not stand at {view.id}: off by {off or 0} steps"
+                f"{'' if state.standing else ', still moving'}",
+                device=self._devices.lens.name,
+                hint="home the lens with `mvp-cell home CELL` and look for a slipping "
+                "gear",
+            )
+
+
+def _reached(arm: ArmState, lens: LensState) -> Reached:
+    return Reached(
+        joints=[float(j) for j in arm.joints],
+        base_from_tool=np.asarray(arm.base_from_tool, np.float64).tolist(),
+        lens_steps=lens.steps(),
+        position_is_estimated=lens.position_is_estimated,
+    )

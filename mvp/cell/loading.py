@@ -1,0 +1,122 @@
+"""A cell and a task as loaded from their files, hashed."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mvp.cell.calibrations import Calibrations, load_calibrations
+from mvp.cell.cell_config import CellConfig
+from mvp.cell.places import find_cell, find_task, home_of, inside, sha256_of
+from mvp.cell.task_config import TaskConfig
+from mvp.cell.toml_file import TomlFile, read_toml, validated
+from mvp.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedCell:
+    """A configuration, its calibration, and where they came from.
+
+    Attributes:
+        source: the file with its lines, for messages.
+        fixture_files: CAD files of the fixtures, by fixture name.
+        sha256: over the cell file and every fixture file.
+    """
+
+    config: CellConfig
+    source: TomlFile
+    calibrations: Calibrations
+    fixture_files: dict[str, Path]
+    sha256: str
+
+    @property
+    def folder(self) -> Path:
+        """Where relative paths start."""
+        return self.source.path.parent
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedTask:
+    """A task, and where it came from."""
+
+    config: TaskConfig
+    source: TomlFile
+    part_file: Path
+    sha256: str
+
+
+def load_cell(cell: str, *, accept_calibration: str = "") -> LoadedCell:
+    """Load a cell by path or bundled name, with its calibration.
+
+    Raises:
+        UsageError: no such cell.
+        ConfigError: a wrong key or value, with file and line.
+        CalibrationError: missing, foreign or too poor.
+    """
+    source, config = read_cell(cell)
+    files = {
+        f.name: inside(
+            source.path.parent,
+            source.path.parent,
+            f.file,
+            f"{source.where(('fixtures', i, 'file'))}: fixtures[{i}].file",
+        )
+        for i, f in enumerate(config.fixtures)
+        if f.file is not None
+    }
+    calibrations = load_calibrations(
+        config.calibration,
+        source.path,
+        simulated=config.simulated,
+        accept_reason=accept_calibration,
+    )
+    sha256 = sha256_of(source.path, *files.values())
+    return LoadedCell(config, source, calibrations, files, sha256)
+
+
+def read_cell(cell: str) -> tuple[TomlFile, CellConfig]:
+    """Only the cell file itself.
+
+    Raises:
+        UsageError, ConfigError: as for ``load_cell``.
+    """
+    source = read_toml(find_cell(cell))
+    _check_version(source)
+    return source, validated(source, CellConfig)
+
+
+def load_task(cell: LoadedCell, task: str | None) -> LoadedTask:
+    """Load the task of ``--task``, or the cell's default.
+
+    Raises:
+        UsageError: no such task.
+        ConfigError: a wrong key or value, with file and line.
+    """
+    path = find_task(cell.source.path, cell.config.default_task, task)
+    source = read_toml(path)
+    _check_version(source)
+    config = validated(source, TaskConfig)
+    where = f"{source.where(('part', 'file'))}: part.file"
+    part = inside(home_of(path), path.parent, config.part.file, where)
+    return LoadedTask(config, source, part, sha256_of(path))
+
+
+def combined_sha256(hashes: dict[str, str]) -> str:
+    """One hash over named hashes, independent of their order."""
+    text = "\n".join(f"{name} {value}" for name, value in sorted(hashes.items()))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _check_version(source: TomlFile) -> None:
+    version = source.data.get("schema_version")
+    if isinstance(version, int) and version != 1:
+        raise ConfigError(
+            f"{source.where(('schema_version',))}: schema_version {version} is not "
+            "understood by this program, which knows 1",
+            hint="update mvp-cell, or start from `mvp-cell init DIR`",
+            where=source.where(("schema_version",)),
+        )

@@ -1,0 +1,133 @@
+"""Where cells are found, and which files a configuration may name."""
+
+from __future__ import annotations
+
+import hashlib
+from importlib import resources
+from pathlib import Path
+
+from mvp.errors import ConfigError, UsageError
+
+CELL_FILE = "cell.toml"
+
+
+def bundled_root() -> Path:
+    """The folder of bundled cells: inside an installed wheel, or of a checkout.
+
+    Raises:
+        ConfigError: the installation holds none.
+    """
+    package = Path(str(resources.files("mvp")))
+    for folder in (package / "_data" / "cell_configs", package.parent / "cell_configs"):
+        if folder.is_dir():
+            return folder
+    raise ConfigError(
+        f"the installed package in {package} holds no bundled cells",
+        hint="install mvp-cell again from its wheel",
+        where=str(package),
+    )
+
+
+def bundled_names() -> list[str]:
+    """Names of the cells that come with the program."""
+    try:
+        root = bundled_root()
+    except ConfigError:
+        return []
+    return sorted(p.name for p in root.iterdir() if (p / CELL_FILE).is_file())
+
+
+def find_cell(cell: str) -> Path:
+    """The ``cell.toml`` of a path or a bundled name; a path wins.
+
+    Raises:
+        UsageError: neither; the bundled names are listed.
+    """
+    path = Path(cell)
+    if path.is_file():
+        return path.resolve()
+    if (path / CELL_FILE).is_file():
+        return (path / CELL_FILE).resolve()
+    if cell in bundled_names():
+        return (bundled_root() / cell / CELL_FILE).resolve()
+    where = f"{path}" if not path.is_dir() else f"{path}/{CELL_FILE}"
+    raise UsageError(
+        f"no cell called {cell!r}: {where} does not exist and no bundled cell has "
+        "that name",
+        hint=f"bundled cells: {', '.join(bundled_names()) or 'none'}; "
+        "`mvp-cell init DIR` makes one to edit",
+        where=cell,
+    )
+
+
+def find_task(cell_file: Path, default_task: str, task: str | None) -> Path:
+    """The task file of ``--task`` (a path, or a name in the cell) or the default.
+
+    Raises:
+        UsageError: no such task; those of the cell are listed.
+        ConfigError: the default task is not there or outside the cell.
+    """
+    if task is None:
+        return inside(cell_file.parent, cell_file.parent, default_task, str(cell_file))
+    path = Path(task)
+    if path.is_file():
+        return path.resolve()
+    named = cell_file.parent / "tasks" / f"{task}.toml"
+    if Path(task).name == task and named.is_file():
+        return named.resolve()
+    names = sorted(p.stem for p in (cell_file.parent / "tasks").glob("*.toml"))
+    raise UsageError(
+        f"no task {task!r}: neither a file nor a task of {cell_file.parent.name}",
+        hint=f"tasks of this cell: {', '.join(names) or 'none'}",
+        where=task,
+    )
+
+
+def home_of(file: Path) -> Path:
+    """The folder a file's paths must stay in: its cell's, else its own."""
+    for folder in (file.parent, *file.parent.parents):
+        if (folder / CELL_FILE).is_file():
+            return folder
+    return file.parent
+
+
+def inside(home: Path, start: Path, name: str, where: str) -> Path:
+    """Resolve ``name`` from ``start`` to an existing file inside ``home``.
+
+    Raises:
+        ConfigError: outside of ``home``, or no such file.
+    """
+    target = (start / name).resolve()
+    if not target.is_relative_to(home.resolve()):
+        raise ConfigError(
+            f"{where}: {name!r} lies outside of {home}",
+            hint="copy the file into that folder and name it relative to the file "
+            "that uses it",
+            where=where,
+        )
+    if not target.is_file():
+        raise ConfigError(
+            f"{where}: file {name!r} does not exist (looked for {target})",
+            hint="correct the name or put the file there",
+            where=where,
+        )
+    return target
+
+
+def sha256_of(*files: Path) -> str:
+    """SHA-256 over the bytes of the files, in order.
+
+    Raises:
+        ConfigError: a file cannot be read.
+    """
+    digest = hashlib.sha256()
+    for file in files:
+        try:
+            digest.update(file.read_bytes())
+        except OSError as error:
+            raise ConfigError(
+                f"{file}: {error.strerror or error}",
+                hint="check the path and its permissions",
+                where=str(file),
+            ) from error
+    return digest.hexdigest()

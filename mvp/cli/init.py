@@ -1,0 +1,32 @@
+"""``mvp-cell init DIR``: a bundled cell to edit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mvp.cli.options import JsonOption
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="a new folder")],
+    source: Annotated[
+        str, typer.Option("--from", metavar="NAME", help="which bundled cell to copy")
+    ] = "virtual",
+    as_json: JsonOption = False,
+) -> int:
+    """Copy a bundled cell with its task, part and calibration files, to edit."""
+    from mvp.cell.init_job import copy_cell
+    from mvp.cli.output import console, print_document
+
+    files = copy_cell(source, folder)
+    lines = console()
+    lines.print(f"{len(files)} files of the {source} cell are now in {folder}")
+    lines.print(f"next: edit {folder / 'cell.toml'}, then `mvp-cell run {folder}`")
+    if as_json:
+        print_document(
+            {"schema": "mvp-cell/init/1", "folder": str(folder), "files": files}
+        )
+    return 0

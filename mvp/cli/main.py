@@ -1,0 +1,144 @@
+"""The ``mvp-cell`` command: one file per subcommand, one place for errors."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+import traceback
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mvp.cli.output import report_error
+from mvp.errors import MvpCellError, StoppedByOperator, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from types import FrameType
+
+_COMMANDS = (
+    "run",
+    "plan",
+    "features",
+    "check",
+    "home",
+    "drivers",
+    "devices",
+    "init",
+    "runs",
+    "report",
+)
+
+# typer carries its own copy of click from some version on; BadParameter is a
+# UsageError is a ClickException in both.
+_CLICK_ERROR = typer.BadParameter.__mro__[2]
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        typer.echo(f"mvp-cell {version('mvp-cell')}")
+        raise typer.Exit
+
+
+def _options(
+    debug: Annotated[
+        bool, typer.Option("--debug", help="show the traceback of an error")
+    ] = False,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="print the version"
+        ),
+    ] = False,
+) -> None:
+    """Plan camera pose and lens, take the picture, prove the specification in it."""
+
+
+def build_app() -> typer.Typer:
+    """The command with every subcommand; imports no heavy library."""
+    app = typer.Typer(
+        name="mvp-cell",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
+    app.callback()(_options)
+    for name in _COMMANDS:
+        module = importlib.import_module(f"mvp.cli.{name}")
+        app.command(name)(getattr(module, name))
+    return app
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
+    signal.signal(signal.SIGTERM, _terminated)
+    sys.exit(invoke(sys.argv[1:]))
+
+
+def _terminated(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def invoke(arguments: Sequence[str]) -> int:
+    """Run one command line; returns the exit code and never raises.
+
+    Every error ends here: a message and a hint on stderr, one JSON document on stdout
+    with ``--json``, a traceback only with ``--debug``.
+    """
+    debug = "--debug" in arguments
+    as_json = "--json" in arguments
+    try:
+        return _dispatch(list(arguments))
+    except MvpCellError as error:
+        _trace(debug)
+        return report_error(error, as_json=as_json)
+    except KeyboardInterrupt:
+        _trace(debug)
+        stopped = StoppedByOperator("stopped by the operator")
+        return report_error(stopped, as_json=as_json)
+    except Exception as error:
+        _trace(debug)
+        return report_error(_bug(error), as_json=as_json)
+
+
+def _dispatch(arguments: list[str]) -> int:
+    """Hand the line to the command; usage errors come back as ours."""
+    command = typer.main.get_command(build_app())
+    try:
+        result = command.main(arguments, prog_name="mvp-cell", standalone_mode=False)
+    except typer.Abort as error:
+        raise StoppedByOperator("stopped by the operator") from error
+    except _CLICK_ERROR as error:
+        if type(error).__name__ == "NoArgsIsHelpError":
+            typer.echo(error.format_message(), err=True)
+            return UsageError.exit_code
+        raise UsageError(
+            error.format_message(), hint=_usage_hint(error), where="command line"
+        ) from error
+    return result if isinstance(result, int) else 0
+
+
+def _usage_hint(error: object) -> str:
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context is not None else "mvp-cell"
+    return f"`{path} --help` shows what it takes"
+
+
+def _bug(error: Exception) -> MvpCellError:
+    kind = f"{type(error).__name__}: {error}".strip()
+    first = kind.splitlines()[0] if kind else type(error).__name__
+    return MvpCellError(
+        f"this is a bug in mvp-cell: {first}",
+        hint="run it again with `mvp-cell --debug ...` and report the traceback",
+    )
+
+
+def _trace(debug: bool) -> None:
+    if debug:
+        traceback.print_exc()

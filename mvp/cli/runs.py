@@ -1,0 +1,40 @@
+"""``mvp-cell runs``: the runs of a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mvp.cli.options import JsonOption
+
+
+def runs(
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="DIR", help="the folder that holds the runs"),
+    ] = Path("runs"),
+    as_json: JsonOption = False,
+) -> int:
+    """List the runs kept in a folder."""
+    from rich.table import Table
+
+    from mvp.cell.run_list import summaries
+    from mvp.cli.output import console, print_document
+
+    found = summaries(out)
+    table = Table("run", "cell", "task", "part", "status", "views")
+    for run in found:
+        views = f"{run.verified} of {run.views}"
+        table.add_row(run.run_id, run.cell, run.task, run.part_id, run.status, views)
+    lines = console()
+    if found:
+        lines.print(table)
+    else:
+        lines.print(f"no runs in {out}")
+    if as_json:
+        print_document(
+            {"schema": "mvp-cell/runs/1", "runs": [run.model_dump() for run in found]}
+        )
+    return 0
