@@ -1,0 +1,211 @@
+"""Independent exact test of single view points, in double precision.
+
+A view point x sees a convex piece F whole if and only if no triangle meets the open
+pyramid between x and F. A triangle that does so has an edge through a side of the
+pyramid, or a corner inside it, or lets a side edge of the pyramid pass through it.
+Nothing here knows of hulls, solids, culling or single-precision rays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mvp.geometry import (
+    BoolArray,
+    FeaturePiece,
+    FloatArray,
+    IntArray,
+    TriangleMesh,
+    as_points,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+    from mvp.visibility.occluders import Occluders
+
+_STRICT = 1e-9
+_PAIRS_AT_ONCE = 1 << 21
+
+
+def exactly_visible(
+    scene: Occluders | TriangleMesh,
+    pieces: Sequence[FeaturePiece],
+    points_mm: ArrayLike,
+) -> BoolArray:
+    """Which view points (N, 3) see every piece whole; grazing does not hide.
+
+    Args:
+        scene: what can hide the feature, solids or soup.
+        pieces: convex pieces with their own faces.
+        points_mm: view points, same frame.
+    """
+    points = as_points(points_mm).reshape(-1, 3)
+    triangles = np.asarray(scene.triangles_mm)
+    soup = _Soup.of(triangles)
+    visible = np.ones(len(points), dtype=np.bool_)
+    for piece in pieces:
+        rows = np.flatnonzero(visible)
+        visible[rows] = _sees(soup, piece, points[rows])
+    return visible
+
+
+@dataclass(frozen=True, eq=False)
+class _Soup:
+    """Triangles (m, 3, 3) and their distinct edges as indices of corners (v, 3)."""
+
+    triangles: FloatArray
+    corners: FloatArray
+    edges: IntArray
+
+    @classmethod
+    def of(cls, triangles: FloatArray) -> _Soup:
+        corners, index = np.unique(
+            triangles.reshape(-1, 3), axis=0, return_inverse=True
+        )
+        faces = index.reshape(-1, 3)
+        edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        return cls(triangles, corners, np.unique(edges, axis=0))
+
+
+def _sees(soup: _Soup, piece: FeaturePiece, points: FloatArray) -> BoolArray:
+    """Apply the tests one after the other to the view points that are left."""
+    vertices = piece.vertices_mm
+    visible = ~_behind_own_faces(piece, points)
+    middle = vertices.mean(axis=0, keepdims=True)
+    ends = vertices if len(vertices) == 1 else np.concatenate([middle, vertices])
+    for end in ends:
+        rows = np.flatnonzero(visible)
+        visible[rows] = ~_segment_blocked(soup, points[rows], end)
+    for a, b in _sides(vertices):
+        rows = np.flatnonzero(visible)
+        visible[rows] = ~_side_cut(soup, points[rows], a, b)
+    if len(vertices) > 2:
+        rows = np.flatnonzero(visible)
+        visible[rows] = ~_corner_inside(soup, points[rows], vertices)
+        visible &= not _mouth_cut(soup, vertices)
+    return visible
+
+
+def _sides(vertices: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """The sides of a segment (1) or polygon (n)."""
+    if len(vertices) < 2:
+        return []
+    count = 1 if len(vertices) == 2 else len(vertices)
+    return [(vertices[i], vertices[(i + 1) % len(vertices)]) for i in range(count)]
+
+
+def _behind_own_faces(piece: FeaturePiece, points: FloatArray) -> BoolArray:
+    """View points that face too few of the feature's own planes."""
+    if not len(piece.planes):
+        return np.zeros(len(points), dtype=np.bool_)
+    faced = points @ piece.planes[:, :3].T > piece.planes[:, 3]
+    return np.asarray(~(faced.any(1) if piece.facing == "any" else faced.all(1)))
+
+
+def _blocks(points: FloatArray, columns: int) -> list[slice]:
+    step = max(1, _PAIRS_AT_ONCE // max(1, columns))
+    return [slice(i, i + step) for i in range(0, len(points), step)]
+
+
+def _segment_blocked(soup: _Soup, points: FloatArray, end: FloatArray) -> BoolArray:
+    """Points (n, 3) whose segment to ``end`` passes strictly through a triangle."""
+    a = soup.triangles[:, 0]
+    ab, ac = soup.triangles[:, 1] - a, soup.triangles[:, 2] - a
+    normal = np.cross(ab, ac)
+    at_end = np.einsum("md,md->m", end - a, normal)
+    offset = np.einsum("md,md->m", a, normal)
+    blocked = np.zeros(len(points), dtype=np.bool_)
+    for block in _blocks(points, len(a)):
+        some = points[block]
+        height = some @ normal.T - offset
+        rows, columns = np.nonzero(height * at_end < 0)
+        before, after = height[rows, columns], at_end[columns]
+        share = before / (before - after)
+        hit = some[rows] + share[:, None] * (end - some[rows])
+        inner = _strictly_inside(hit - a[columns], ab[columns], ac[columns])
+        inner &= (share > _STRICT) & (share < 1 - _STRICT)
+        blocked[block.start + rows[inner]] = True
+    return blocked
+
+
+def _strictly_inside(p: FloatArray, u: FloatArray, v: FloatArray) -> BoolArray:
+    """Whether in-plane vectors p (k, 3) from a corner lie inside triangle (u, v)."""
+    uu, vv, uv = _dot(u, u), _dot(v, v), _dot(u, v)
+    pu, pv = _dot(p, u), _dot(p, v)
+    area = uu * vv - uv * uv
+    s, t = vv * pu - uv * pv, uu * pv - uv * pu
+    limit = _STRICT * area
+    return np.asarray((s > limit) & (t > limit) & (area - s - t > limit))
+
+
+def _side_cut(
+    soup: _Soup, points: FloatArray, a: FloatArray, b: FloatArray
+) -> BoolArray:
+    """Points x whose triangle x a b is crossed strictly inside by a mesh edge."""
+    cut = np.zeros(len(points), dtype=np.bool_)
+    first, second = soup.edges[:, 0], soup.edges[:, 1]
+    for block in _blocks(points, len(soup.edges)):
+        x = points[block]
+        normal = np.cross(a - x, b - x)
+        height = normal @ (soup.corners - a).T
+        start, stop = height[:, first], height[:, second]
+        rows, columns = np.nonzero(start * stop < 0)
+        before, after = start[rows, columns], stop[rows, columns]
+        p, q = soup.corners[first[columns]], soup.corners[second[columns]]
+        hit = p + (before / (before - after))[:, None] * (q - p)
+        inner = _strictly_inside(hit - x[rows], (a - x)[rows], (b - x)[rows])
+        cut[block.start + rows[inner]] = True
+    return cut
+
+
+def _corner_inside(soup: _Soup, points: FloatArray, polygon: FloatArray) -> BoolArray:
+    """Points whose pyramid over a convex polygon holds a mesh corner inside."""
+    middle = polygon.mean(axis=0)
+    found = np.zeros(len(points), dtype=np.bool_)
+    base = _area_vector(polygon)
+    over = (soup.corners - middle) @ base
+    for block in _blocks(points, len(soup.corners)):
+        x = points[block]
+        side = np.sign((x - middle) @ base)[:, None]
+        inside = side * over > _STRICT * np.linalg.norm(base) ** 1.5
+        for a, b in _sides(polygon):
+            normal = np.cross(a - x, b - x)
+            depth = normal @ (soup.corners - a).T
+            inward = np.einsum("nd,nd->n", normal, middle - a)[:, None]
+            inside &= depth * np.sign(inward) > _STRICT * np.abs(inward)
+        found[block] = inside.any(axis=1)
+    return found
+
+
+def _mouth_cut(soup: _Soup, polygon: FloatArray) -> bool:
+    """Whether a mesh edge passes strictly through the polygon itself."""
+    middle, normal = polygon.mean(axis=0), _area_vector(polygon)
+    height = (soup.corners - middle) @ normal
+    flat = 1e-7 * np.linalg.norm(normal) * np.ptp(soup.corners, axis=0).max()
+    height = np.where(np.abs(height) < flat, 0.0, height)
+    start, stop = height[soup.edges[:, 0]], height[soup.edges[:, 1]]
+    through = start * stop < 0
+    p, q = soup.corners[soup.edges[through, 0]], soup.corners[soup.edges[through, 1]]
+    share = start[through] / (start[through] - stop[through])
+    hit = p + share[:, None] * (q - p)
+    inside = np.ones(len(hit), dtype=np.bool_)
+    for a, b in _sides(polygon):
+        depth = (hit - a) @ np.cross(normal, b - a)
+        inside &= depth > _STRICT * np.abs((middle - a) @ np.cross(normal, b - a))
+    return bool(inside.any())
+
+
+def _area_vector(polygon: FloatArray) -> FloatArray:
+    """Normal of a planar polygon, scaled to its area, mm^2."""
+    fan = np.cross(polygon[1:-1] - polygon[0], polygon[2:] - polygon[0])
+    return np.asarray(fan.sum(axis=0) / 2)
+
+
+def _dot(u: FloatArray, v: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("kd,kd->k", u, v))
