@@ -14,6 +14,14 @@ from mvp.devices.protocols import (
     LensState,
     Role,
 )
+from mvp.devices.registry import (
+    DriverClass,
+    DriverEntry,
+    list_drivers,
+    load_driver,
+    load_world,
+)
+from mvp.devices.world import WorldBelief, WorldClass
 
 __all__ = [
     "AXES",
@@ -25,10 +33,17 @@ __all__ = [
     "Device",
     "DeviceContext",
     "DeviceInfo",
+    "DriverClass",
+    "DriverEntry",
     "Frame",
     "Lens",
     "LensState",
     "RealClock",
     "Role",
     "ScaledClock",
+    "WorldBelief",
+    "WorldClass",
+    "list_drivers",
+    "load_driver",
+    "load_world",
 ]

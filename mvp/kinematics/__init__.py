@@ -5,7 +5,6 @@ from mvp.kinematics.camera_pose import (
     base_from_tool,
     camera_rotation,
     part_from_camera,
-    pupil_shift_mm,
     roll_of,
     tool_from_camera_at,
 )
@@ -65,7 +64,6 @@ __all__ = [
     "jacobian",
     "obstacles",
     "part_from_camera",
-    "pupil_shift_mm",
     "realisations",
     "roll_of",
     "segment_clearance",

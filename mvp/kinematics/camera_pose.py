@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.geometry import FloatArray, Pose, unit
+from mvp.optics import pupil_shift_mm
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -67,14 +68,6 @@ def part_from_camera(
     """
     rotation = camera_rotation(direction, roll_rad)
     return Pose("part", "camera", rotation, np.asarray(position_mm, np.float64))
-
-
-def pupil_shift_mm(d_mm: ArrayLike, reference_d_mm: float) -> FloatArray:
-    """How far the entrance pupil has moved along the camera's z since calibration.
-
-    The sensor is fixed to the flange and the lens moves: towards the object as d grows.
-    """
-    return np.asarray(np.asarray(d_mm, dtype=np.float64) - reference_d_mm)
 
 
 def tool_from_camera_at(

@@ -204,7 +204,8 @@ class CellBodies:
             for a, b in zip(first, second, strict=True)
         )
         touching = bodies.radius_mm[first] + bodies.radius_mm[second]
-        levers = self.levers[first] + self.levers[second]
+        # An axis that carries both bodies does not change their distance.
+        levers = np.where(self.levers[first] > 0, 0.0, self.levers[second])
         return np.minimum(gap - touching, self.far_mm), names, levers
 
 

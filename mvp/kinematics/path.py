@@ -12,7 +12,7 @@ from mvp.kinematics.clearance import CellBodies, Nearest
 
 _RAISE_MM = (100.0, 250.0)
 _FIRST_SAMPLES = 16
-_PLENTY_MM = 100.0
+_PLENTY_MM = 50.0
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class PathClearance:
 
     Attributes:
         certified_mm: no pair of bodies comes closer than this at any moment; where
-            there is plenty of room it is not made sharper than 100 mm. Where a sample
+            there is plenty of room it is not made sharper than 50 mm. Where a sample
             was found to be too close it is that sample's distance.
         nearest: the closest pair among the samples.
         fraction: where on the path that is, 0 to 1.
