@@ -144,9 +144,10 @@ def away_from_kinks(name, constraint, views):
         centre = views.camera_points(constraint.centre_mm[None])[:, 0]
         keep[:, 0] = np.hypot(centre[:, 0], centre[:, 1]) > 15
     if name == "visibility":
-        gaps = np.abs(np.diff(value, axis=1))
-        keep = (np.min(gaps, axis=1, initial=np.inf, where=gaps > 0) > 0.3)[:, None]
-        keep = keep & (np.abs(value[:, :1]) > 0.3) & np.ones(value.shape, bool)
+        near = constraint.region.nearest_facets(views.position_mm, 6).distance
+        gaps = np.diff(near, axis=1)
+        apart = ((gaps > 0.3) | (gaps == 0)).all(axis=1)
+        keep = (apart & (near[:, 0] > 0.3))[:, None] & keep
     return keep
 
 
