@@ -14,7 +14,7 @@ import numpy as np
 from mvp.imaging.render_texture import print_albedo
 
 if TYPE_CHECKING:
-    from mvp.geometry import IntArray
+    from mvp.geometry import FloatArray, IntArray
     from mvp.imaging.light import Float32Array
     from mvp.imaging.pupil import JointSamples
     from mvp.imaging.render_view import CameraView
@@ -47,18 +47,28 @@ def _rays(
 ) -> tuple[Float32Array, Float32Array]:
     """Start points and directions (n * k, 3) in the camera frame."""
     shift = (samples.pixel_px + samples.airy_mm / view.pitch_mm).astype(np.float32)
-    rays = view.rays
-    chief = (
-        rays.directions.reshape(-1, 3)[pixels, None, :2]
-        + rays.along_x.reshape(-1, 2)[pixels, None] * shift[:, :1]
-        + rays.along_y.reshape(-1, 2)[pixels, None] * shift[:, 1:]
-    )
+    count = len(shift)
+    chief = chief_directions(
+        view, np.repeat(pixels, count), np.tile(shift, (len(pixels), 1))
+    ).reshape(len(pixels), count, 3)
     tilt = samples.pupil_mm * view.optics.inverse_focus_per_mm
-    directions = np.ones((*chief.shape[:2], 3), dtype=np.float32)
-    directions[..., :2] = chief - tilt.astype(np.float32)
+    directions = chief
+    directions[..., :2] -= tilt.astype(np.float32)
     origins = np.zeros_like(directions)
     origins[..., :2] = samples.pupil_mm
     return origins.reshape(-1, 3), directions.reshape(-1, 3)
+
+
+def chief_directions(
+    view: CameraView, pixels: IntArray, shift_px: FloatArray | Float32Array
+) -> Float32Array:
+    """Chief rays (n, 3) with z = 1 at places (n, 2) within pixels (flat index)."""
+    shift = np.asarray(shift_px, dtype=np.float32)
+    rays = view.rays
+    directions = rays.directions.reshape(-1, 3)[pixels]
+    directions[:, :2] += rays.along_x.reshape(-1, 2)[pixels] * shift[:, :1]
+    directions[:, :2] += rays.along_y.reshape(-1, 2)[pixels] * shift[:, 1:]
+    return directions
 
 
 def _meet(

@@ -15,6 +15,7 @@ from embreex.mesh_construction import TriangleMesh as EmbreeMesh
 from embreex.rtcore_scene import EmbreeScene
 
 from mvp.geometry import FloatArray, IntArray, Pose, TriangleMesh, concatenated
+from mvp.imaging.render_lines import sharp_lines
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -79,6 +80,11 @@ class RenderScene:
         )
         _, ids = np.unique(rows + 0.0, axis=0, return_inverse=True)
         return np.append(ids.reshape(-1), -1).astype(np.int64)
+
+    @cached_property
+    def lines_mm(self) -> FloatArray:
+        """(k, 2, 3) straight lines at which a picture may change, world frame."""
+        return sharp_lines(self.mesh, self.plane_ids)
 
     @cached_property
     def face_ids(self) -> IntArray:

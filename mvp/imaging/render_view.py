@@ -81,7 +81,7 @@ class CameraView:
         grey[hit] = self.light.radiance(points[hit].T, normals, albedo)
         return grey
 
-    def reach_px(self, depth_mm: FloatArray | Float32Array) -> FloatArray:
-        """Radius within which blur and diffraction of an edge at this depth matter."""
-        pitch = float(self.pitch_mm.min())
-        return np.asarray(self.optics.blur_mm(depth_mm) / 2 / pitch)
+    @property
+    def has_prints(self) -> bool:
+        """Whether any body carries a print."""
+        return any(body.texture is not None for body in self.scene.bodies)
