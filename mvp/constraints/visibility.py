@@ -47,6 +47,12 @@ class SightRegion(Protocol):
         """(N,) mm, positive inside."""
         ...
 
+    def signed_distance_gradient(
+        self, points: FloatArray, /
+    ) -> tuple[FloatArray, FloatArray]:
+        """The same with its gradient (N, 3)."""
+        ...
+
     def nearest_facets(self, points: FloatArray, k: int, /) -> NearFacets:
         """The nearest k facets of every point."""
         ...
@@ -79,17 +85,15 @@ class Visibility:
         Outside the region every row is the nearest facet with the sign turned. Kinks:
         on the boundary, and where the order of the facets changes.
         """
-        inside = (self.margin(views) >= 0)[:, None]
-        near = self.region.nearest_facets(views.position_mm, self.facets)
-        distance, direction = self._padded(near, len(views))
-        value = np.where(inside, distance, -distance[:, :1])
-        if not gradient:
-            return Rows(value, None)
+        points = views.position_mm
+        signed, slope = self.region.signed_distance_gradient(points)
+        value = np.repeat(np.clip(signed, -_FAR_MM, _FAR_MM)[:, None], self.facets, 1)
         slopes = empty_gradient(value.shape)
-        outward = -direction[:, :1]
-        slopes[..., SHIFT] = np.where(inside[..., None], direction, outward)
-        slopes[value >= _FAR_MM] = 0.0
-        return Rows(value, slopes)
+        slopes[..., SHIFT] = slope[:, None]
+        inside = np.flatnonzero(signed >= 0)
+        near = self.region.nearest_facets(points[inside], self.facets)
+        value[inside], slopes[inside, :, SHIFT] = self._padded(near, len(inside))
+        return Rows(value, slopes if gradient else None)
 
     def report(self, views: Views) -> Report:
         """Signed distance to the region's boundary, mm."""

@@ -57,9 +57,13 @@ class BoxRegion:
         return Near(distance[rows, order], (offset / distance[..., None])[rows, order])
 
     def signed_distance(self, points):
+        return self.signed_distance_gradient(points)[0]
+
+    def signed_distance_gradient(self, points):
         inside = ((points > self.low) & (points < self.high)).all(axis=1)
-        near = self.nearest_facets(points, 1).distance[:, 0]
-        return np.where(inside, near, -near)
+        near = self.nearest_facets(points, 1)
+        sign = np.where(inside, 1.0, -1.0)[:, None]
+        return sign[:, 0] * near.distance[:, 0], sign * near.direction[:, 0]
 
 
 REGION = BoxRegion(np.array([-700.0, -650, -600]), np.array([710.0, 660, 800]))
