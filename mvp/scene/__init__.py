@@ -1,6 +1,7 @@
 """Parts, fixtures and the features that must be seen, all in the part frame, mm."""
 
 from mvp.scene.cad_edges import CadEdges, cad_edges
+from mvp.scene.catalogue import Entry, FeatureCatalogue, extract_features
 from mvp.scene.edge_feature import EdgeFeature, edge_feature
 from mvp.scene.face_feature import FaceFeature, face_feature, face_feature_at
 from mvp.scene.features import Feature, Kind
@@ -12,8 +13,10 @@ from mvp.scene.scene import Scene
 __all__ = [
     "CadEdges",
     "EdgeFeature",
+    "Entry",
     "FaceFeature",
     "Feature",
+    "FeatureCatalogue",
     "HoleFeature",
     "Kind",
     "PaperObject",
@@ -21,6 +24,7 @@ __all__ = [
     "Scene",
     "cad_edges",
     "edge_feature",
+    "extract_features",
     "face_feature",
     "face_feature_at",
     "paper_object",

@@ -95,12 +95,15 @@ def edge_feature(
     mesh: TriangleMesh,
     *,
     tolerance_mm: float = ON_PART_MM,
+    table: EdgeTable | None = None,
 ) -> EdgeFeature:
     """Find an edge given by its ends on the mesh, with the faces it belongs to.
 
     The edge may span several mesh edges, be part of one, or be a line on a face. Its
     points become the mesh's own when they are within the tolerance, because an edge
     that runs inside the material, however little, is seen from nowhere.
+
+    ``table`` is the mesh's edge table, when it is known already.
 
     Raises:
         FeatureError: not finite, shorter than the tolerance, inside the solid, or off
@@ -115,7 +118,7 @@ def edge_feature(
             hint="give two different ends, or make it a point",
             where=id,
         )
-    table = edge_table(mesh)
+    table = table or edge_table(mesh)
     found = _mesh_stretches(mesh, table, ends, tolerance_mm)
     gaps = _gaps(found, length, tolerance_mm)
     found += [_face_stretch(mesh, ends, gap, id, tolerance_mm) for gap in gaps]

@@ -7,7 +7,7 @@ level, sits a cube whose two feature edges (25.4 mm each) meet in the corner
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import manifold3d
 import numpy as np
@@ -34,7 +34,9 @@ class PaperObject:
         small_hole: its x and y range.
     """
 
-    cube: Box = _box((-12.7, 0.0, -12.7), (12.7, 25.4, 12.7))
+    cube: Box = field(
+        default_factory=lambda: _box((-12.7, 0.0, -12.7), (12.7, 25.4, 12.7))
+    )
     half_width_mm: float = 101.6
     wall_mm: float = 6.35
     floor_mm: float = -12.7
