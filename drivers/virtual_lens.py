@@ -1,0 +1,260 @@
+"""A simulated motorised lens: three axes with speed, backlash, homing and limits."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from pydantic import Field
+
+from drivers.virtual_world import VirtualWorld, world_of
+from mvp.devices import AXES, Axis, DeviceContext, DeviceInfo, LensState, Role
+from mvp.errors import (
+    ConnectError,
+    DeviceFault,
+    DeviceTimeout,
+    LimitError,
+    MotionStopped,
+)
+from mvp.fileedge import FileModel
+
+if TYPE_CHECKING:
+    from mvp.calibrated import AxisTable
+
+_OVERSHOOT = 1.5
+_OVERSHOOT_STEPS = 4
+
+
+class VirtualLensConfig(FileModel):
+    """Keys of ``[lens]`` for the virtual lens; speeds in steps per second."""
+
+    zoom_steps_s: float = Field(default=1200.0, gt=0)
+    focus_steps_s: float = Field(default=2000.0, gt=0)
+    iris_steps_s: float = Field(default=300.0, gt=0)
+    serial: str = "V-LENS-1"
+
+
+class VirtualLens:
+    """The lens of a virtual world.
+
+    Every target is approached from the side from which the lens table was measured,
+    with an overshoot beyond the backlash where the motor comes from the other side.
+    """
+
+    role: ClassVar[Role] = "lens"
+    Config = VirtualLensConfig
+
+    def __init__(
+        self, config: VirtualLensConfig, world: VirtualWorld, name: str
+    ) -> None:
+        self.name = name
+        self._config = config
+        self._world = world
+        self._clock = world.clock
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._open = False
+        self._homed = False
+        self._moving = False
+        # Whether the last motion ended from the side of the table on every axis.
+        self._engaged = False
+        table = world.belief.lens_table
+        self._tables: dict[Axis, AxisTable] = {
+            "zoom": table.zoom_f_mm,
+            "focus": table.focus_extension_mm,
+            "iris": table.iris_a_mm,
+        }
+        self._rates: dict[Axis, float] = {
+            "zoom": config.zoom_steps_s,
+            "focus": config.focus_steps_s,
+            "iris": config.iris_steps_s,
+        }
+
+    @classmethod
+    def from_config(
+        cls, config: VirtualLensConfig, context: DeviceContext, *, name: str
+    ) -> Self:
+        """Build the device; no I/O.
+
+        Raises:
+            ConfigError: the cell has no virtual world.
+        """
+        return cls(config, world_of(context, name), name)
+
+    def open(self) -> None:
+        """Connect. Moves nothing.
+
+        Raises:
+            ConnectError: it has been made unreachable.
+        """
+        if self._world.faults.lens.unreachable:
+            raise ConnectError(
+                "nobody answers", device=self.name, hint="check cable and supply"
+            )
+        self._open = True
+
+    def close(self) -> None:
+        """Disconnect; motors in motion are stopped."""
+        if self._open:
+            self.stop()
+        self._open = False
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def info(self) -> DeviceInfo:
+        """Identity and versions."""
+        return DeviceInfo(
+            self.name,
+            "virtual-lens",
+            "virtual zoom",
+            self._config.serial,
+            "1",
+            simulated=True,
+        )
+
+    def limits(self) -> dict[Axis, tuple[int, int]]:
+        """First and last step of the lens table."""
+        return {a: (min(t.steps), max(t.steps)) for a, t in self._tables.items()}
+
+    def state(self) -> LensState:
+        """Where the motors are now.
+
+        Raises:
+            ConnectError: not open.
+        """
+        self._require_open()
+        now = self._clock.now_s()
+        motors = self._world.lens_motors(now)
+        return LensState(
+            zoom=round(motors["zoom"]),
+            focus=round(motors["focus"]),
+            iris=round(motors["iris"]),
+            homed=self._is_homed(),
+            standing=self._world.lens_standing(now),
+        )
+
+    def home(self, *, timeout_s: float) -> LensState:
+        """Find the reference of every axis: run to the lowest step. Moves.
+
+        Raises:
+            DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
+        """
+        self._require_open()
+        lowest = {axis: (float(low),) for axis, (low, _) in self.limits().items()}
+        self._homed = self._engaged = False
+        self._drive(lowest, timeout_s)
+        self._homed = True
+        return self.state()
+
+    def check_steps(self, *, zoom: int, focus: int, iris: int) -> None:
+        """Raise ``LimitError`` when outside the limits. Never moves."""
+        limits = self.limits()
+        for axis, step in (("zoom", zoom), ("focus", focus), ("iris", iris)):
+            low, high = limits[axis]
+            if not low <= step <= high:
+                raise LimitError(
+                    f"{axis} step {step} is outside {low} .. {high}",
+                    device=self.name,
+                    hint="plan within the lens table; nothing has moved",
+                )
+
+    def move_steps(
+        self, *, zoom: int, focus: int, iris: int, timeout_s: float
+    ) -> LensState:
+        """Move every axis, arriving from the side of the lens table.
+
+        Raises:
+            LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
+        """
+        self._require_open()
+        self.check_steps(zoom=zoom, focus=focus, iris=iris)
+        if not self._is_homed():
+            raise LimitError(
+                "not homed; nothing has moved",
+                device=self.name,
+                hint="call home(), or `mvp-cell home CELL`",
+            )
+        targets: dict[Axis, int] = {"zoom": zoom, "focus": focus, "iris": iris}
+        points = {axis: self._approach(axis, targets[axis]) for axis in AXES}
+        self._engaged = False
+        self._drive(points, timeout_s)
+        state = self._reached(targets)
+        self._engaged = True
+        return state
+
+    def stop(self) -> None:
+        """Stop the motors now, from any thread."""
+        self._world.stop_lens(self._clock.now_s())
+        with self._lock:
+            if self._moving:
+                self._stop.set()
+
+    def _require_open(self) -> None:
+        if not self._open:
+            raise ConnectError(
+                "not connected", device=self.name, hint="call open() first"
+            )
+
+    def _is_homed(self) -> bool:
+        return self._homed and not self._world.faults.lens.loses_home
+
+    def _approach(self, axis: Axis, target: int) -> tuple[float, ...]:
+        """The points to drive through so that the last leg comes from the right side."""
+        table = self._tables[axis]
+        sign = 1 if table.approach == "from_below" else -1
+        now = self._world.lens_motors(self._clock.now_s())[axis]
+        run_up = _OVERSHOOT * table.backlash_steps + _OVERSHOOT_STEPS
+        if (target - now) * sign >= run_up:
+            return (float(target),)
+        if now == target and self._engaged:
+            return (float(target),)
+        return (target - sign * run_up, float(target))
+
+    def _drive(self, points: dict[Axis, tuple[float, ...]], timeout_s: float) -> None:
+        """Drive all axes and wait."""
+        deadline = self._clock.now_s() + timeout_s
+        with self._lock:
+            if self._moving:
+                raise DeviceFault("a motion is in progress already", device=self.name)
+            self._moving = True
+            self._stop.clear()
+            end = self._world.begin_lens(points, self._rates, self._clock.now_s())
+        try:
+            self._wait_until(end, deadline)
+        finally:
+            with self._lock:
+                self._moving = False
+
+    def _wait_until(self, end: float, deadline: float) -> None:
+        until = min(end, deadline)
+        while (left := until - self._clock.now_s()) > 0:
+            if self._clock.wait(self._stop, left):
+                break
+        if self._stop.is_set():
+            raise MotionStopped("stopped while it moved", device=self.name)
+        if end > deadline:
+            self._world.stop_lens(self._clock.now_s())
+            raise DeviceTimeout(
+                "did not arrive in time; it has been stopped",
+                device=self.name,
+                hint="does an axis stick?",
+            )
+
+    def _reached(self, targets: dict[Axis, int]) -> LensState:
+        """The state at the targets, or the fault that kept an axis from there."""
+        state = self.state()
+        for axis in AXES:
+            if state.steps()[axis] != targets[axis]:
+                raise DeviceFault(
+                    f"{axis} stands at {state.steps()[axis]} instead of "
+                    f"{targets[axis]}",
+                    device=self.name,
+                    code="stall",
+                    hint="home the lens; if it happens again the axis sticks",
+                )
+        return state

@@ -1,0 +1,139 @@
+"""What ``[world]`` of a virtual cell may say: errors of the truth, light, faults."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Field
+
+from mvp.fileedge import FileModel
+
+Vector: TypeAlias = tuple[float, float, float]
+Positive: TypeAlias = Annotated[float, Field(gt=0)]
+NotNegative: TypeAlias = Annotated[float, Field(ge=0)]
+AxisName: TypeAlias = Literal["zoom", "focus", "iris"]
+
+
+class MovedVertex(FileModel):
+    """A corner of the true part that is not where CAD says."""
+
+    at_mm: Vector
+    by_mm: Vector
+
+
+class WorldErrors(FileModel):
+    """Truth minus belief. All zero: calibration is perfect.
+
+    ``hand_eye_*`` in the camera frame, ``part_*`` in the part frame (rotation vector in
+    degrees); ``part_scale`` about the part's origin; fractions of f and a; ``focus_d_mm``
+    added to d.
+    """
+
+    hand_eye_mm: Vector = (0.0, 0.0, 0.0)
+    hand_eye_deg: Vector = (0.0, 0.0, 0.0)
+    part_mm: Vector = (0.0, 0.0, 0.0)
+    part_deg: Vector = (0.0, 0.0, 0.0)
+    part_scale: Positive = 1.0
+    moved_vertices: list[MovedVertex] = Field(default_factory=list)
+    arm_joints_deg: list[float] = Field(default_factory=list)
+    focus_d_mm: float = 0.0
+    zoom_fraction: float = Field(default=0.0, gt=-0.5, lt=0.5)
+    a_fraction: float = Field(default=0.0, gt=-0.9, lt=4.0)
+    pupil_offset_mm: float = 0.0
+    centre_px: tuple[float, float] = (0.0, 0.0)
+    k1: float = 0.0
+
+
+class LampSettings(FileModel):
+    """A lamp that travels with the camera; the origin stands for the ring light."""
+
+    position_mm: Vector
+    strength: NotNegative
+
+
+class LightSettings(FileModel):
+    """Light of the cell; the defaults are a ring on the lens and one oblique lamp."""
+
+    ambient: NotNegative = 0.05
+    lamps: list[LampSettings] = Field(
+        default_factory=lambda: [
+            LampSettings(position_mm=(0.0, 0.0, 0.0), strength=0.3),
+            LampSettings(position_mm=(-150.0, -110.0, 20.0), strength=0.6),
+        ]
+    )
+    gloss: NotNegative = 0.1
+
+
+class SensorSettings(FileModel):
+    """How light becomes grey."""
+
+    noise: bool = True
+    full_well_e: Positive = 10_000.0
+    read_noise_e: NotNegative = 8.0
+    full_wells_per_s: Positive = 16_000.0
+
+
+class Occluder(FileModel):
+    """A box that nobody knows of, in the part frame."""
+
+    name: str = "stray box"
+    low_mm: Vector
+    high_mm: Vector
+    albedo: float = Field(default=0.3, ge=0, le=1)
+
+
+class ArmFaults(FileModel):
+    """Times count from the start of a motion."""
+
+    unreachable: bool = False
+    protective_stop_after_s: float | None = Field(default=None, ge=0)
+    stall_after_s: float | None = Field(default=None, ge=0)
+
+
+class LensFaults(FileModel):
+    """``lost_steps``: the axis stands that far from its counter, unnoticed."""
+
+    unreachable: bool = False
+    stall: AxisName | None = None
+    loses_home: bool = False
+    lost_steps: dict[AxisName, int] = Field(default_factory=dict)
+    backlash_steps: dict[AxisName, NotNegative] = Field(default_factory=dict)
+
+
+class CameraFaults(FileModel):
+    """``stale_frames``: old frames that wait in the queue at every capture.
+
+    ``stamp_ahead_s``: time stamps that lie, later than the light was collected.
+    ``exposure_factor``: exposes so many times longer than it says.
+    ``read_back_factor``: says so many times the exposure asked for.
+    """
+
+    unreachable: bool = False
+    dead_after_frames: int | None = Field(default=None, ge=0)
+    drop_every: int | None = Field(default=None, ge=1)
+    stale_frames: int = Field(default=0, ge=0)
+    stamp_ahead_s: NotNegative = 0.0
+    exposure_factor: Positive = 1.0
+    read_back_factor: Positive = 1.0
+
+
+class Faults(FileModel):
+    """Everything that can be made to go wrong."""
+
+    arm: ArmFaults = Field(default_factory=ArmFaults)
+    lens: LensFaults = Field(default_factory=LensFaults)
+    camera: CameraFaults = Field(default_factory=CameraFaults)
+    occluders: list[Occluder] = Field(default_factory=list)
+
+
+class WorldSettings(FileModel):
+    """The keys of ``[world]`` beside ``kind`` and ``clock_speed``."""
+
+    seed: int = Field(default=1, ge=0)
+    part_albedo: float = Field(default=0.8, gt=0, le=1)
+    fixture_albedo: float = Field(default=0.4, gt=0, le=1)
+    tube_mm: NotNegative = 0.0
+    errors: WorldErrors = Field(default_factory=WorldErrors)
+    light: LightSettings = Field(default_factory=LightSettings)
+    sensor: SensorSettings = Field(default_factory=SensorSettings)
+    faults: Faults = Field(default_factory=Faults)

@@ -1,0 +1,365 @@
+"""The one owner of truth of a simulated cell.
+
+Bodies, light, the true camera, lens, hand-eye and part pose, and the history of arm
+and lens over time. Drivers tell it what their motors do and ask it for pictures; the
+planner, the verifier and the wizards never see it.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from drivers.virtual_lens_truth import LensTruth
+from drivers.virtual_motion import History, StraightMove
+from drivers.virtual_settings import Faults, WorldErrors, WorldSettings
+from mvp.errors import ConfigError
+from mvp.geometry import Box, FloatArray, Pose, TriangleMesh
+from mvp.imaging import (
+    Illumination,
+    Lamp,
+    RenderBody,
+    RenderedImage,
+    RenderScene,
+    SensorNoise,
+    expose,
+    render,
+)
+from mvp.kinematics import arm_model, box_mesh, tool_from_camera_at
+from mvp.optics import Intrinsics, LensSetting, Sensor
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from mvp.devices import Axis, Clock, DeviceContext, WorldBelief
+
+_SUBFRAMES = 9
+_KEPT_PICTURES = 2
+_VERTEX_MM = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class WorldState:
+    """Everything that moves, at one moment.
+
+    Attributes:
+        t_s: the moment, on the world's clock.
+        joints: (dof,) true joints.
+        base_from_camera: true entrance pupil.
+        lens: true lens setting.
+    """
+
+    t_s: float
+    joints: FloatArray
+    base_from_camera: Pose
+    lens: LensSetting
+
+
+class VirtualWorld:
+    """Truth of a virtual cell; safe to use from several threads."""
+
+    Config = WorldSettings
+
+    def __init__(
+        self, settings: WorldSettings, belief: WorldBelief, *, clock: Clock
+    ) -> None:
+        self.clock = clock
+        self.model = arm_model(belief.arm_model)
+        self.belief = belief
+        self._settings = settings
+        self._lock = threading.RLock()
+        self._errors = settings.errors
+        self._faults = settings.faults
+        self._targets: tuple[RenderBody, ...] = ()
+        self._scene: RenderScene | None = None
+        self._pictures: dict[bytes, RenderedImage] = {}
+        self.arm = History(np.array(belief.start_joints, dtype=np.float64))
+        self.lens = LensTruth.of(belief.lens_table, tube_mm=settings.tube_mm)
+        if len(self.arm.first) != self.model.dof:
+            raise ConfigError(
+                f"{belief.arm_model} has {self.model.dof} axes, "
+                f"home_joints_deg has {len(self.arm.first)}",
+                hint="give one value per axis in [kinematics] home_joints_deg",
+            )
+
+    @classmethod
+    def from_config(
+        cls, config: WorldSettings, belief: WorldBelief, *, clock: Clock
+    ) -> Self:
+        """Build the truth of a cell from its belief and the configured errors."""
+        return cls(config, belief, clock=clock)
+
+    # What can be changed while it runs (tests, demonstrations).
+
+    @property
+    def faults(self) -> Faults:
+        """What is made to go wrong now."""
+        with self._lock:
+            return self._faults
+
+    def inject(self, faults: Faults) -> None:
+        """Make things go wrong from now on, instead of what did before."""
+        with self._lock:
+            self._faults = faults
+            self._forget()
+
+    def change_truth(self, errors: WorldErrors) -> None:
+        """Give the truth other errors."""
+        with self._lock:
+            self._errors = errors
+            self._forget()
+
+    def place_targets(self, targets: tuple[RenderBody, ...]) -> None:
+        """Put bodies (base frame) into the scene beside part and fixtures."""
+        with self._lock:
+            self._targets = targets
+            self._forget()
+
+    def mount_tube(self, tube_mm: float) -> None:
+        """Put an extension tube of this length behind the lens; 0 takes it off."""
+        with self._lock:
+            self.lens.mount_tube(tube_mm)
+
+    def _forget(self) -> None:
+        self._scene = None
+        self._pictures.clear()
+
+    # Motion of the arm; the lens has its own truth.
+
+    def begin_arm(
+        self, target: FloatArray, *, speed_fraction: float, t_s: float
+    ) -> float:
+        """Start a straight joint motion; returns when it will end, s."""
+        with self._lock:
+            move = StraightMove.limited(
+                self.arm.at(t_s),
+                np.asarray(target, dtype=np.float64),
+                speed=self.model.joint_speed * speed_fraction,
+                acceleration=self.model.joint_acceleration,
+            )
+            self.arm.begin(move, t_s)
+            self._interrupt(t_s)
+            return self.arm.end_s
+
+    def _interrupt(self, t_s: float) -> None:
+        """Cut the motion short where a fault says so."""
+        faults = self._faults.arm
+        for after in (faults.protective_stop_after_s, faults.stall_after_s):
+            if after is not None:
+                self.arm.halt(t_s + after)
+
+    def stop_arm(self, t_s: float) -> float:
+        """Brake now; returns when it stands, s."""
+        with self._lock:
+            self.arm.halt(t_s)
+            return self.arm.end_s
+
+    def arm_joints(self, t_s: float) -> FloatArray:
+        """What the encoders say at a moment (dof,)."""
+        with self._lock:
+            return self.arm.at(t_s)
+
+    def arm_standing(self, t_s: float) -> bool:
+        """Whether the arm stands still at a moment."""
+        with self._lock:
+            return t_s >= self.arm.end_s
+
+    def begin_lens(
+        self,
+        points: dict[Axis, tuple[float, ...]],
+        rates: dict[Axis, float],
+        t_s: float,
+    ) -> float:
+        """Drive the motors through points; returns when the last one stands, s."""
+        with self._lock:
+            return self.lens.begin(points, rates, t_s, self._faults.lens)
+
+    def stop_lens(self, t_s: float) -> None:
+        """Stop the motors dead."""
+        with self._lock:
+            self.lens.halt(t_s)
+
+    def lens_motors(self, t_s: float) -> dict[Axis, float]:
+        """Where the motors are at a moment, steps."""
+        with self._lock:
+            return self.lens.motors(t_s)
+
+    def lens_standing(self, t_s: float) -> bool:
+        """Whether all motors stand still at a moment."""
+        with self._lock:
+            return t_s >= self.lens.end_s
+
+    # Truth at a moment.
+
+    def state(self, t_s: float) -> WorldState:
+        """Where everything is at a moment, also in the past."""
+        with self._lock:
+            errors = self._errors
+            joints = self.arm.at(t_s)
+            offset = np.zeros(len(joints))
+            offset[: len(errors.arm_joints_deg)] = errors.arm_joints_deg
+            turning = np.array([u == "rad" for u in self.model.joint_units])
+            joints = joints + np.where(turning, np.radians(offset), offset)
+            lens = self.lens.setting(t_s, errors, self._faults.lens)
+        pose = self.model.forward(joints) @ self.tool_from_camera(lens.d_mm)
+        return WorldState(t_s, joints, pose, lens)
+
+    def tool_from_camera(self, d_mm: float) -> Pose:
+        """The true hand-eye transform at a lens setting."""
+        belief, errors = self.belief, self._errors
+        moved = tool_from_camera_at(
+            belief.tool_from_camera, d_mm=d_mm, reference_d_mm=belief.reference_d_mm
+        )
+        return moved @ _small("camera", errors.hand_eye_deg, errors.hand_eye_mm)
+
+    @property
+    def base_from_part(self) -> Pose:
+        """Where the part truly lies."""
+        errors = self._errors
+        return self.belief.base_from_part @ _small(
+            "part", errors.part_deg, errors.part_mm
+        )
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The true sensor, principal point and distortion."""
+        camera, errors = self.belief.camera, self._errors
+        sensor = Sensor(
+            camera.width_px,
+            camera.height_px,
+            camera.pitch_x_um / 1e3,
+            camera.pitch_y_um / 1e3,
+        )
+        return Intrinsics(
+            sensor,
+            camera.centre_x_px + errors.centre_px[0],
+            camera.centre_y_px + errors.centre_px[1],
+            k1=camera.k1 + errors.k1,
+            k2=camera.k2,
+            p1=camera.p1,
+            p2=camera.p2,
+            k3=camera.k3,
+        )
+
+    @property
+    def light(self) -> Illumination:
+        """Lamps that travel with the camera, and the ambient part."""
+        light = self._settings.light
+        lamps = tuple(Lamp(lamp.position_mm, lamp.strength) for lamp in light.lamps)
+        return Illumination(ambient=light.ambient, lamps=lamps, gloss=light.gloss)
+
+    def bodies(self) -> tuple[RenderBody, ...]:
+        """Everything that can be seen, with its albedo."""
+        settings, pose = self._settings, self.base_from_part
+        part = RenderBody(self._true_part(), settings.part_albedo, pose)
+        fixtures = [
+            RenderBody(mesh, settings.fixture_albedo) for mesh in self.belief.fixtures
+        ]
+        strays = [
+            RenderBody(
+                box_mesh(Box(np.array(o.low_mm), np.array(o.high_mm)), name=o.name),
+                o.albedo,
+                pose,
+            )
+            for o in self._faults.occluders
+        ]
+        return (part, *fixtures, *strays, *self._targets)
+
+    def _true_part(self) -> TriangleMesh:
+        """The part with the errors of its making."""
+        mesh, errors = self.belief.part, self._errors
+        vertices = np.array(mesh.vertices_mm)
+        for change in errors.moved_vertices:
+            gap = np.linalg.norm(mesh.vertices_mm - np.array(change.at_mm), axis=1)
+            vertices[gap < _VERTEX_MM] += np.array(change.by_mm)
+        return TriangleMesh(
+            vertices * errors.part_scale, mesh.faces, mesh.face_ids, mesh.name
+        )
+
+    # Pictures.
+
+    def frame(
+        self, start_s: float, exposure_s: float, *, gain: float = 1.0, index: int = 0
+    ) -> NDArray[np.uint8] | NDArray[np.uint16]:
+        """What the sensor delivers for an exposure; the noise depends on the index.
+
+        Motion during the exposure smears the picture.
+        """
+        picture = self.picture(start_s, exposure_s)
+        sensor = self._settings.sensor
+        noise = SensorNoise(
+            sensor.full_well_e / gain,
+            sensor.read_noise_e,
+            full_wells_per_s=sensor.full_wells_per_s * gain,
+        )
+        rng = np.random.default_rng([self._settings.seed, index])
+        return expose(
+            picture, exposure_s, sensor=noise, rng=rng if sensor.noise else None
+        )
+
+    def picture(self, start_s: float, exposure_s: float) -> RenderedImage:
+        """The light on the sensor, averaged over the exposure."""
+        with self._lock:
+            end_s = start_s + exposure_s
+            moving = self.arm.moving_between(start_s, end_s)
+            moving |= self.lens.moving_between(start_s, end_s)
+        if not moving:
+            return self._render(self.state(start_s))
+        shares = (np.arange(_SUBFRAMES) + 0.5) / _SUBFRAMES
+        parts = [self._render(self.state(start_s + s * exposure_s)) for s in shares]
+        middle = parts[_SUBFRAMES // 2]
+        grey = np.mean([p.grey for p in parts], axis=0, dtype=np.float32)
+        return RenderedImage(grey, middle.brightness, middle.view)
+
+    def _render(self, state: WorldState) -> RenderedImage:
+        """One still picture; the last few are kept."""
+        lens = state.lens
+        key = np.concatenate(
+            [
+                state.base_from_camera.matrix.ravel(),
+                [lens.d_mm, lens.f_mm, lens.a_mm, lens.e_mm],
+            ]
+        ).tobytes()
+        with self._lock:
+            if key in self._pictures:
+                return self._pictures[key]
+            if self._scene is None:
+                self._scene = RenderScene(self.bodies())
+            picture = render(
+                self._scene,
+                state.base_from_camera,
+                d_mm=lens.d_mm,
+                f_mm=lens.f_mm,
+                a_mm=lens.a_mm,
+                e_mm=lens.e_mm,
+                intrinsics=self.intrinsics,
+                light=self.light,
+            )
+            while len(self._pictures) >= _KEPT_PICTURES:
+                self._pictures.pop(next(iter(self._pictures)))
+            self._pictures[key] = picture
+            return picture
+
+
+def world_of(context: DeviceContext, name: str) -> VirtualWorld:
+    """The virtual world of a context.
+
+    Raises:
+        ConfigError: the cell has no virtual world.
+    """
+    if not isinstance(context.world, VirtualWorld):
+        raise ConfigError(
+            f"{name}: a virtual device needs a virtual world",
+            hint='add [world] with kind = "virtual" and simulated = true to the cell',
+            where=name,
+        )
+    return context.world
+
+
+def _small(
+    frame: str, turn_deg: tuple[float, ...], shift_mm: tuple[float, ...]
+) -> Pose:
+    return Pose.from_rotvec(frame, frame, np.radians(turn_deg), shift_mm)
