@@ -39,12 +39,33 @@ def add_pose_gradient(
     Args:
         gradient: (N, R, 9), changed in place.
         views: N views.
-        q: camera coordinates (N, R, 3), mm.
+        q: camera coordinates (N, R, 3) or (N, 1, 3), mm.
         slope: derivative of the row by q, (N, R, 3).
     """
-    to_part = np.swapaxes(views.rotation, 1, 2)
-    gradient[..., SHIFT] -= np.matmul(slope, to_part)
-    gradient[..., TURN] += np.cross(slope, q)
+    gradient[..., SHIFT] -= np.matmul(slope, np.swapaxes(views.rotation, 1, 2))
+    # Written out: numpy.cross costs more than all the rest for a few views.
+    sx, sy, sz = slope[..., 0], slope[..., 1], slope[..., 2]
+    x, y, z = q[..., 0], q[..., 1], q[..., 2]
+    turn = gradient[..., TURN]
+    turn[..., 0] += sy * z - sz * y
+    turn[..., 1] += sz * x - sx * z
+    turn[..., 2] += sx * y - sy * x
+
+
+def add_depth_gradient(
+    gradient: FloatArray, views: Views, q: FloatArray, slope: FloatArray
+) -> None:
+    """``add_pose_gradient`` for rows that depend on the depth z alone.
+
+    Args:
+        gradient: (N, R, 9), changed in place.
+        views: N views.
+        q: camera coordinates (N, R, 3), mm.
+        slope: derivative of the row by z, (N, R).
+    """
+    gradient[..., SHIFT] -= slope[..., None] * views.direction[:, None]
+    gradient[..., TURN.start] -= slope * q[..., 1]
+    gradient[..., TURN.start + 1] += slope * q[..., 0]
 
 
 def add_principal_distance_gradient(

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from mvp.optics import Intrinsics, Views
 
 _FIXED_DIRECTIONS = 8
+_ANGLES_RAD = 2 * np.pi * np.arange(_FIXED_DIRECTIONS) / _FIXED_DIRECTIONS
+_FIXED = np.stack([np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)], axis=1)
 _SIDES = ("left", "right", "top", "bottom")
 _SIDE_AXIS = np.array([0, 0, 1, 1])
 _SIDE_SIGN = np.array([1.0, -1.0, 1.0, -1.0])
@@ -95,15 +97,16 @@ class FieldOfViewCircle:
         q = camera_points(views, self.centre_mm[None])
         half = np.arctan2(self.image_radius_mm, views.f_cal_mm)[:, None]
         directions = _directions(q[:, 0, :2])
-        off_axis = np.einsum("nrk,nk->nr", directions, q[:, 0, :2])
+        off_axis = np.matmul(directions, q[:, 0, :2, None])[..., 0]
         sin, cos = np.sin(half), np.cos(half)
         value = q[..., 2] * sin - off_axis * cos - self.radius_mm
         if not gradient:
             return Rows(value, None)
         slopes = empty_gradient(value.shape)
-        by_z = np.broadcast_to(sin[..., None], (*value.shape, 1))
-        by_q = np.concatenate([-directions * cos[..., None], by_z], axis=-1)
-        add_pose_gradient(slopes, views, np.broadcast_to(q, by_q.shape), by_q)
+        by_q = np.empty((*value.shape, 3))
+        by_q[..., :2] = -directions * cos[..., None]
+        by_q[..., 2] = sin
+        add_pose_gradient(slopes, views, q, by_q)
         square = self.image_radius_mm**2 + views.f_cal_mm[:, None] ** 2
         by_f_cal = -(q[..., 2] * cos + off_axis * sin) * self.image_radius_mm / square
         add_principal_distance_gradient(slopes, views, by_f_cal)
@@ -175,9 +178,7 @@ class FieldOfViewRectangle:
         slopes = empty_gradient(flat.shape)
         by_q = np.zeros((*value.shape, 3))
         by_q[..., 2] = extents / root
-        for side in range(4):
-            axis, sign = _SIDE_AXIS[side], _SIDE_SIGN[side]
-            by_q[:, :, side, axis] = sign * (f_cal / root)[..., side]
+        by_q[:, :, range(4), _SIDE_AXIS] = _SIDE_SIGN * f_cal / root
         spread = np.broadcast_to(q[:, :, None, :], by_q.shape).reshape(*flat.shape, 3)
         add_pose_gradient(slopes, views, spread, by_q.reshape(*flat.shape, 3))
         by_f_cal = (across / root - value * f_cal / root**2).reshape(flat.shape)
@@ -196,9 +197,8 @@ class FieldOfViewRectangle:
 
 def _directions(off_axis: FloatArray) -> FloatArray:
     """The true direction (0 on the axis) and the fixed ones, (N, 9, 2)."""
-    rho = np.linalg.norm(off_axis, axis=1, keepdims=True)
-    true = off_axis / np.where(rho > 0, rho, 1.0)
-    angle = 2 * np.pi * np.arange(_FIXED_DIRECTIONS) / _FIXED_DIRECTIONS
-    fixed = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    shape = (len(off_axis), _FIXED_DIRECTIONS, 2)
-    return np.concatenate([true[:, None], np.broadcast_to(fixed, shape)], axis=1)
+    rho = np.sqrt((off_axis**2).sum(axis=1, keepdims=True))
+    directions = np.empty((len(off_axis), 1 + _FIXED_DIRECTIONS, 2))
+    directions[:, 0] = off_axis / np.where(rho > 0, rho, 1.0)
+    directions[:, 1:] = _FIXED
+    return directions

@@ -15,7 +15,7 @@ import numpy as np
 from mvp.constraints.base import A, D, F, Kind, Report, Rows, worst_of
 from mvp.constraints.derivatives import (
     IN_FRONT_MM,
-    add_pose_gradient,
+    add_depth_gradient,
     camera_points,
     empty_gradient,
     replace_behind,
@@ -129,9 +129,7 @@ def _blur_gradient(
     d, f, e = (v[:, None] for v in (views.d_mm, views.f_mm, views.e_mm))
     slopes = empty_gradient(z.shape)
     a = sign * views.a_mm[:, None]
-    by_q = np.zeros(q.shape)
-    by_q[..., 2] = a * views.f_cal_mm[:, None] / z**2
-    add_pose_gradient(slopes, views, q, by_q)
+    add_depth_gradient(slopes, views, q, a * views.f_cal_mm[:, None] / z**2)
     slopes[..., D] = a * (1 / f - (1 - e / f) / z)
     slopes[..., F] = -a * (d / f**2 + e * d / (f**2 * z))
     slopes[..., A] = by_a
