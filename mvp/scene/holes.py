@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,21 +72,7 @@ def find_holes(mesh: TriangleMesh) -> tuple[HoleFeature, ...]:
     size = np.array([hole.diameter_mm for hole in found])
     order = size_order(size, np.stack([hole.centre_mm for hole in found]))
     return tuple(
-        _renamed(found[place], f"H{number + 1}") for number, place in enumerate(order)
-    )
-
-
-def _renamed(hole: HoleFeature, id: str) -> HoleFeature:
-    return HoleFeature(
-        id,
-        hole.centre_mm,
-        hole.axis,
-        hole.diameter_mm,
-        hole.depth_mm,
-        hole.through,
-        hole.rim_mm,
-        hole.residual_mm,
-        hole.pieces,
+        replace(found[place], id=f"H{number + 1}") for number, place in enumerate(order)
     )
 
 
