@@ -1,12 +1,25 @@
 """The virtual camera's picture, and what is measured and verified in a picture."""
 
+from mvp.imaging.expectation import (
+    ExpectedEdge,
+    Requirement,
+    ViewExpectation,
+    ViewTolerance,
+)
 from mvp.imaging.light import Illumination, Lamp
+from mvp.imaging.measure_exposure import meter_exposure
+from mvp.imaging.predict import expect_view
 from mvp.imaging.render import RenderedImage, RenderQuality, render
 from mvp.imaging.render_body import PlanarTexture, RenderBody, textured_plane
 from mvp.imaging.render_scene import RenderScene
 from mvp.imaging.sensor_noise import SensorNoise, expose, exposure_for
+from mvp.imaging.verify import verify_view
+from mvp.imaging.verify_data import EdgeReport, HoleReport, ViewVerification
 
 __all__ = [
+    "EdgeReport",
+    "ExpectedEdge",
+    "HoleReport",
     "Illumination",
     "Lamp",
     "PlanarTexture",
@@ -14,9 +27,16 @@ __all__ = [
     "RenderQuality",
     "RenderScene",
     "RenderedImage",
+    "Requirement",
     "SensorNoise",
+    "ViewExpectation",
+    "ViewTolerance",
+    "ViewVerification",
+    "expect_view",
     "expose",
     "exposure_for",
+    "meter_exposure",
     "render",
     "textured_plane",
+    "verify_view",
 ]

@@ -8,11 +8,14 @@ projection), place p and blur q = b^2 are found by damped Gauss-Newton steps.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mvp.geometry import FloatArray, IntArray
 from mvp.imaging.esf import BLUR_MAX_PX, Optics, SpreadValues, spread_at
+
+if TYPE_CHECKING:
+    from mvp.geometry import FloatArray, IntArray
 
 _ITERATIONS = 14
 _LARGEST_STEP_PX = 1.5

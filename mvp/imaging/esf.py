@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import j1
 
-from mvp.geometry import FloatArray, IntArray
+if TYPE_CHECKING:
+    from mvp.geometry import FloatArray, IntArray
 
 STEP_PX = 1 / 16
 HALF_SPAN_PX = 40.0

@@ -1,0 +1,185 @@
+"""From measurements to the one most likely fault, in a fixed order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from mvp.imaging.blur_excess import BlurExcess
+    from mvp.imaging.expectation import ViewExpectation
+    from mvp.imaging.register import Alignment
+    from mvp.imaging.verify_data import Cause, Exposure
+
+_OVEREXPOSED_SHARE = 0.8
+_UNDEREXPOSED_LEVEL = 0.15
+_MOTION_PX2 = 3.0
+_BLUR_IN_C2 = 1.5
+_ZOOM_SCALE = 0.025
+_ZOOM_SHIFT_PX = 6.0
+_ZOOM_ROLL_DEG = 0.8
+_ZOOM_RESIDUAL_PX = 0.45
+_SHIFT_PX = 3.0
+_ROLL_DEG = 0.5
+_RESIDUAL_PX = 0.35
+_SCALE = 0.01
+_VISIBLE = 0.75
+
+CHECK_FIRST: dict[Cause, str] = {
+    "overexposed": "shorten the exposure or dim the light; was the exposure metered?",
+    "underexposed": "is the light on? is the iris open? lengthen the exposure",
+    "motion": "settle time of the arm, vibration of the mount, frame time stamps",
+    "defocus": "focus motor position and backlash, lens table, extension tube",
+    "zoom": "zoom motor position and lens table (focal length)",
+    "misalignment": "part in its place? then hand-eye and part-pose calibration",
+    "occlusion": "something in front of the part: clamps, cables, chips, a wrong part",
+    "low contrast": "move the light: both faces of the edge have the same grey",
+    "resolution": "camera too far or zoom too short; is the requirement right?",
+    "shape": "compare the part to its CAD file: revision, scale, damage",
+    "no end found": "choose a feature that ends at corners the camera can see",
+}
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that a cause is judged from.
+
+    Attributes:
+        alignment: of the whole picture against the plan.
+        residual_px: what it leaves (root mean square).
+        excess: blur beyond prediction.
+        lost: features that were not found or are seen on less than three quarters,
+            although they should stand out.
+        found: share of the expected edge length that was found.
+    """
+
+    alignment: Alignment
+    residual_px: float
+    excess: BlurExcess | None
+    lost: tuple[str, ...]
+    found: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A cause and a sentence with its figures."""
+
+    cause: Cause
+    explanation: str
+
+
+def exposure_fault(exposure: Exposure) -> Finding | None:
+    """Too bright or too dark to measure anything."""
+    if exposure.saturated > _OVEREXPOSED_SHARE:
+        return Finding(
+            "overexposed",
+            f"{exposure.saturated:.0%} of the pixels about the features are saturated",
+        )
+    if exposure.level_95 < _UNDEREXPOSED_LEVEL:
+        return Finding(
+            "underexposed",
+            f"about the features the grey level reaches only {exposure.level_95:.0%}"
+            " of full scale",
+        )
+    return None
+
+
+def picture_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | None:
+    """Motion, defocus, zoom, misalignment, occlusion: the first that applies."""
+    for judge in (_blur_fault, _scale_fault, _place_fault):
+        finding = judge(evidence, expectation)
+        if finding is not None:
+            return finding
+    if evidence.lost:
+        names = ", ".join(evidence.lost)
+        return Finding(
+            "occlusion",
+            f"{names}: hidden or interrupted, while the rest is in its place",
+        )
+    return None
+
+
+def _blur_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | None:
+    excess = evidence.excess
+    if excess is None:
+        return None
+    limit = _BLUR_IN_C2 * max(expectation.c_px, 0.8) ** 2
+    directional = excess.directional_px2
+    if (
+        directional > max(_MOTION_PX2, limit)
+        and directional > 1.5 * excess.with_direction_px2
+        and excess.gain > 2.0
+    ):
+        angle = np.rad2deg(excess.direction_rad)
+        return Finding(
+            "motion",
+            f"edges are smeared over about {excess.path_px:.1f} px along {angle:.0f} deg",
+        )
+    if excess.isotropic_px2 > limit:
+        return Finding(
+            "defocus",
+            "all edges are blurred by about "
+            f"{np.sqrt(excess.isotropic_px2):.1f} px more than planned",
+        )
+    return None
+
+
+def _scale_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | None:
+    alignment = evidence.alignment
+    limit = max(_ZOOM_SCALE, 2 * scale_tolerance(expectation))
+    if (
+        abs(alignment.scale - 1) > limit
+        and alignment.shift_px < max(_ZOOM_SHIFT_PX, shift_tolerance_px(expectation))
+        and abs(np.rad2deg(alignment.roll_rad)) < _ZOOM_ROLL_DEG
+        and evidence.residual_px < _ZOOM_RESIDUAL_PX
+    ):
+        return Finding(
+            "zoom", f"everything is {alignment.scale - 1:+.1%} larger than planned"
+        )
+    return None
+
+
+def _place_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | None:
+    alignment, tolerance = evidence.alignment, expectation.tolerance
+    roll = abs(float(np.rad2deg(alignment.roll_rad)))
+    shift_limit = max(_SHIFT_PX, shift_tolerance_px(expectation))
+    if (
+        alignment.shift_px > shift_limit
+        or roll > max(_ROLL_DEG, tolerance.angle_deg)
+        or abs(alignment.scale - 1) > max(_SCALE, scale_tolerance(expectation))
+        or evidence.residual_px > _RESIDUAL_PX
+    ):
+        return Finding(
+            "misalignment",
+            f"the picture is shifted by {alignment.shift_px:.1f} px, turned by "
+            f"{roll:.2f} deg and scaled by {alignment.scale - 1:+.1%} against the plan",
+        )
+    return None
+
+
+def _depth_mm(expectation: ViewExpectation) -> float:
+    depths = [edge.depth_mm for edge in expectation.edges if edge.role != "auxiliary"]
+    depths += [float(rim.centre_mm[2]) for rim in expectation.rims]
+    depths += [float(point.point_mm[2]) for point in expectation.points]
+    return float(np.median(depths)) if depths else 1e3
+
+
+def shift_tolerance_px(
+    expectation: ViewExpectation, place_px: tuple[float, float] = (0.0, 0.0)
+) -> float:
+    """How far a point may be off when pose and focus use up their tolerance."""
+    plane, tolerance = expectation.plane, expectation.tolerance
+    f_px = plane.f_cal_mm / plane.px_mm
+    radius = float(np.hypot(*place_px))
+    turn = np.deg2rad(tolerance.angle_deg) * (f_px + radius**2 / f_px)
+    shift = f_px * tolerance.position_mm / _depth_mm(expectation)
+    return float(turn + shift + radius * scale_tolerance(expectation))
+
+
+def scale_tolerance(expectation: ViewExpectation) -> float:
+    """Relative change of size when pose and focus use up their tolerance."""
+    tolerance = expectation.tolerance
+    along = tolerance.position_mm / _depth_mm(expectation)
+    return float(along + tolerance.d_mm / expectation.plane.d_mm)

@@ -1,0 +1,182 @@
+"""All edges of a view measured: first where expected, then where the picture lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mvp.imaging.measure_edges import EdgeMeasurement, EdgeTask, measure_edge
+from mvp.imaging.register import Alignment, AlignmentFit, fit_alignment
+from mvp.imaging.register_search import CoarseMatch, coarse_match
+
+if TYPE_CHECKING:
+    from mvp.geometry import BoolArray, FloatArray
+    from mvp.imaging.edge_samples import Picture
+    from mvp.imaging.expectation import ViewExpectation
+
+_SEARCH_PX = 6.0
+_AGAIN_PX = 2.5
+_GATE_PX = 0.8
+_GATE_PER_BLUR = 0.1
+_FOUND_SHARE = 0.7
+_LARGEST_RESIDUAL_PX = 1.5
+_FAINT = 0.05
+_FEWEST_EDGES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredView:
+    """The edges of a view and how they lie.
+
+    Attributes:
+        found: one measurement per expected edge; lines are absolute.
+        alignment: plan to picture.
+        residual_px: (n,) what the alignment leaves of each edge's offset, nan if lost.
+        agrees: (n,) found, and where the alignment says.
+        rms_px: of the residuals of the edges that agree.
+        share_before: of the expected length found where it was expected.
+        share_after: the same with the alignment.
+        coarse: result of the search over shift, roll and scale, if it was needed.
+    """
+
+    found: tuple[EdgeMeasurement, ...]
+    alignment: Alignment
+    residual_px: FloatArray
+    agrees: BoolArray
+    rms_px: float
+    share_before: float
+    share_after: float
+    coarse: CoarseMatch | None
+
+
+def measure_view(picture: Picture, expectation: ViewExpectation) -> MeasuredView:
+    """Measure every expected edge; register the picture when that is needed."""
+    blur = np.array([edge.blur_px for edge in expectation.edges])
+    first = _measure(picture, expectation, Alignment(), blur, _SEARCH_PX)
+    view = _aligned(expectation, Alignment(), first, None)
+    if not _needs_search(view):
+        return _second_look(picture, expectation, view, blur)
+    coarse = coarse_match(picture, expectation.drawn)
+    found = _registered(picture, expectation, view, coarse)
+    # The prediction itself is a candidate too: a search must not make things worse.
+    if found.share_after < view.share_after:
+        found = replace(view, coarse=coarse)
+    return replace(found, share_before=view.share_before)
+
+
+def _registered(
+    picture: Picture,
+    expectation: ViewExpectation,
+    before: MeasuredView,
+    coarse: CoarseMatch,
+) -> MeasuredView:
+    alignment = coarse.alignment
+    blur = np.full(len(expectation.edges), 3.0)
+    view = before
+    for search_px in (10.0, 5.0):
+        found = _measure(picture, expectation, alignment, blur, search_px)
+        view = _aligned(expectation, alignment, found, coarse)
+        alignment = view.alignment
+        measured = [m.blur_px for m in view.found if m.found]
+        blur = np.full(len(blur), float(np.median(measured)) if measured else 3.0)
+    return _second_look(picture, expectation, view, blur)
+
+
+def _measure(
+    picture: Picture,
+    expectation: ViewExpectation,
+    alignment: Alignment,
+    blur_px: FloatArray,
+    search_px: float,
+    which: BoolArray | None = None,
+) -> list[EdgeMeasurement]:
+    drawn = alignment.drawn(expectation.drawn)
+    out = []
+    for index, edge in enumerate(expectation.edges):
+        line = alignment.line(edge.start_px, edge.end_px)
+        if which is not None and not which[index]:
+            out.append(EdgeMeasurement(False, "not asked", line))
+            continue
+        task = EdgeTask(edge.role, search_px, float(blur_px[index]), edge.visible)
+        out.append(measure_edge(picture, line, drawn, task))
+    return out
+
+
+def _aligned(
+    expectation: ViewExpectation,
+    alignment: Alignment,
+    found: list[EdgeMeasurement],
+    coarse: CoarseMatch | None,
+) -> MeasuredView:
+    """Fit what is left after ``alignment`` and judge every edge by it."""
+    count = len(found)
+    residual, agrees = np.full(count, np.nan), np.zeros(count, dtype=np.bool_)
+    use = [i for i, m in enumerate(found) if m.found]
+    rms, total = float("inf"), alignment
+    if len(use) >= _FEWEST_EDGES:
+        fit = _fit(expectation, alignment, [found[i] for i in use], use)
+        total = alignment.then(fit.alignment)
+        residual[use] = fit.residual_px
+        blur = np.array([found[i].blur_px for i in use])
+        close = np.abs(fit.residual_px) < _GATE_PX + _GATE_PER_BLUR * blur
+        agrees[use] = close
+        rms = (
+            float(np.sqrt(np.mean(fit.residual_px[close] ** 2))) if close.any() else rms
+        )
+    share = _share(expectation, agrees)
+    return MeasuredView(
+        tuple(found), total, residual, agrees, rms, share, share, coarse
+    )
+
+
+def _fit(
+    expectation: ViewExpectation,
+    alignment: Alignment,
+    found: list[EdgeMeasurement],
+    use: list[int],
+) -> AlignmentFit:
+    expected = [
+        alignment.line(expectation.edges[i].start_px, expectation.edges[i].end_px)
+        for i in use
+    ]
+    sd = np.array([m.offset_sd_px for m in found])
+    return fit_alignment(expected, [m.line for m in found], sd)
+
+
+def _share(expectation: ViewExpectation, agrees: BoolArray) -> float:
+    """Share of the expected length found, faint edges left out."""
+    length = np.array([edge.length_px for edge in expectation.edges])
+    contrast = np.array([edge.contrast for edge in expectation.edges])
+    counts = ~(contrast < _FAINT)
+    total = float(length[counts].sum())
+    return float(length[counts & agrees].sum() / total) if total else 0.0
+
+
+def _needs_search(view: MeasuredView) -> bool:
+    return (
+        view.share_before < _FOUND_SHARE
+        or view.rms_px > _LARGEST_RESIDUAL_PX
+        or view.alignment.shift_px > _SEARCH_PX
+    )
+
+
+def _second_look(
+    picture: Picture,
+    expectation: ViewExpectation,
+    view: MeasuredView,
+    blur_px: FloatArray,
+) -> MeasuredView:
+    """Search the edges that disagree close to where the others say they are."""
+    which = ~view.agrees
+    if not which.any() or not view.agrees.any():
+        return view
+    again = _measure(
+        picture, expectation, view.alignment, blur_px, _AGAIN_PX, np.asarray(which)
+    )
+    merged = [
+        new if new.found else old for new, old in zip(again, view.found, strict=True)
+    ]
+    better = _aligned(expectation, view.alignment, merged, view.coarse)
+    return replace(better, share_before=view.share_before)

@@ -1,0 +1,435 @@
+"""What a view must show, from CAD, planned pose and planned lens alone."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from mvp.imaging.expectation import (
+    DrawnEdges,
+    ExpectedEdge,
+    ExpectedPoint,
+    ExpectedRim,
+    Requirement,
+    ViewExpectation,
+    ViewTolerance,
+)
+from mvp.imaging.measure_plane import ImagePlane
+from mvp.imaging.predict_contrast import LightModel, contrast_along
+from mvp.imaging.predict_lines import (
+    SAMPLES,
+    Lines,
+    Sightings,
+    drawn_pieces,
+    joined,
+    runs,
+    sight,
+    silhouettes,
+)
+from mvp.imaging.predict_rims import expected_rim
+from mvp.imaging.render_body import RenderBody
+from mvp.imaging.render_scene import RenderScene
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from mvp.geometry import BoolArray, FloatArray, Pose, TriangleMesh
+    from mvp.optics import Intrinsics
+    from mvp.scene import Feature
+
+_SAME_PLACE_MM = 0.05
+_CROP_PX = 90.0
+_SHORTEST_NEIGHBOUR_PX = 8.0
+_SHORTEST_AUXILIARY_PX = 20.0
+_SMALLEST_CROSSING = np.sin(np.deg2rad(15.0))
+_SMOOTH_DEG = 40.0
+_CLEAR_OF_EDGE_PX = 1.5
+
+
+class EdgeList(Protocol):
+    """Straight sharp edges of the CAD model (``mvp.scene.cad_edges``)."""
+
+    @property
+    def start_mm(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def end_mm(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def normal_a(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def normal_b(self) -> FloatArray: ...  # noqa: D102
+    @property
+    def convex(self) -> BoolArray: ...  # noqa: D102
+
+
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """Everything the pieces of a prediction share."""
+
+    scene: RenderScene
+    pose: Pose
+    plane: ImagePlane
+    light: LightModel | None
+    lines: Lines
+    seen: Sightings
+    requirements: Mapping[str, Requirement]
+
+
+def expect_view(
+    features: Sequence[Feature],
+    mesh: TriangleMesh,
+    edges: EdgeList,
+    part_from_camera: Pose,
+    *,
+    f_mm: float,
+    d_mm: float,
+    a_mm: float,
+    e_mm: float,
+    intrinsics: Intrinsics,
+    c_mm: float,
+    tolerance: ViewTolerance | None = None,
+    requirements: Mapping[str, Requirement] | None = None,
+    light: LightModel | None = None,
+    auxiliary: int = 13,
+) -> ViewExpectation:
+    """Predict the lines of one picture.
+
+    Args:
+        features: what the view was planned for, part frame.
+        mesh: part and fixtures, everything that can hide something, part frame.
+        edges: straight sharp edges of part and fixtures.
+        part_from_camera: planned pose; the camera's origin is the entrance pupil.
+        f_mm: planned focal length.
+        d_mm: planned image distance.
+        a_mm: planned diameter of the entrance pupil.
+        e_mm: pupil offset.
+        intrinsics: sensor, principal point, distortion.
+        c_mm: largest acceptable blur circle.
+        tolerance: of the plan.
+        requirements: the promised resolution by feature id.
+        light: predicts contrast; without it contrast is judged in the picture only.
+        auxiliary: how many further edges are measured for registration.
+    """
+    plane = ImagePlane(intrinsics, f_mm, d_mm, a_mm, e_mm)
+    scene = RenderScene([RenderBody(mesh)])
+    lines = Lines(
+        edges.start_mm, edges.end_mm, edges.normal_a, edges.normal_b, edges.convex
+    )
+    seen = sight(lines, scene, part_from_camera, plane)
+    stage = _Stage(
+        scene, part_from_camera, plane, light, lines, seen, requirements or {}
+    )
+    builder = _Builder(stage)
+    rims, points = builder.add_features(features)
+    builder.add_auxiliary(auxiliary)
+    return ViewExpectation(
+        plane=plane,
+        c_px=c_mm / plane.px_mm,
+        tolerance=tolerance or ViewTolerance(),
+        edges=tuple(builder.edges),
+        drawn=_all_drawn(stage, mesh),
+        rims=rims,
+        points=points,
+    )
+
+
+def _all_drawn(stage: _Stage, mesh: TriangleMesh) -> DrawnEdges:
+    curved = silhouettes(mesh, stage.pose, _SMOOTH_DEG)
+    if not len(curved.start_mm):
+        return drawn_pieces(stage.seen, stage.plane)
+    lines = joined([stage.lines, curved])
+    return drawn_pieces(sight(lines, stage.scene, stage.pose, stage.plane), stage.plane)
+
+
+class _Builder:
+    """Collects the edges to measure: features, then neighbours, then others."""
+
+    def __init__(self, stage: _Stage) -> None:
+        self.stage = stage
+        self.edges: list[ExpectedEdge] = []
+        self._used: set[int] = set()
+        self._feature_lines: dict[int, int] = {}
+        self._neighbour_of: dict[tuple[int, bool], int] = {}
+
+    def add_features(
+        self, features: Sequence[Feature]
+    ) -> tuple[tuple[ExpectedRim, ...], tuple[ExpectedPoint, ...]]:
+        """Rims and points are returned, edges kept."""
+        rims: list[ExpectedRim] = []
+        for feature in features:
+            if feature.kind in ("edge", "face"):
+                self._add_outline(feature)
+            elif feature.kind == "hole":
+                rims.append(self._rim(feature))
+        for index, edge in enumerate(self.edges[:]):
+            start = self._neighbours(self._part_point(edge.start_mm), edge.direction)
+            end = self._neighbours(self._part_point(edge.end_mm), edge.direction)
+            self.edges[index] = replace(
+                edge, start_neighbours=start, end_neighbours=end
+            )
+        corners = [self._point(f) for f in features if f.kind == "point"]
+        return tuple(rims), tuple(corners)
+
+    def _part_point(self, point_camera: FloatArray) -> FloatArray:
+        return self.stage.pose.apply(point_camera)
+
+    def _add_outline(self, feature: Feature) -> None:
+        segments = [
+            (a, b)
+            for line in feature.outline_mm
+            for a, b in _straight_segments(np.asarray(line))
+        ]
+        for number, (a, b) in enumerate(segments):
+            name = feature.id if len(segments) == 1 else f"{feature.id}:{number + 1}"
+            self.edges.append(self._feature_edge(feature.id, name, a, b))
+
+    def _feature_edge(
+        self, feature: str, name: str, a_mm: FloatArray, b_mm: FloatArray
+    ) -> ExpectedEdge:
+        stage = self.stage
+        along = _on_line(stage.lines, a_mm, b_mm)
+        for line_number in np.flatnonzero(along):
+            self._used.add(int(line_number))
+            self._feature_lines.setdefault(int(line_number), len(self.edges))
+        first = int(np.flatnonzero(along)[0]) if along.any() else None
+        none = np.zeros((1, 3))
+        pick = slice(first, None if first is None else first + 1)
+        line = Lines(
+            a_mm[None],
+            b_mm[None],
+            none if first is None else stage.lines.normal_a[pick],
+            none if first is None else stage.lines.normal_b[pick],
+            np.ones(1, np.bool_) if first is None else stage.lines.convex[pick],
+        )
+        seen = sight(line, stage.scene, stage.pose, stage.plane)
+        requirement = stage.requirements.get(feature)
+        return self._edge(
+            name, feature, "feature", seen, 0, (0, SAMPLES - 1), requirement
+        )
+
+    def _edge(
+        self,
+        name: str,
+        feature: str,
+        role: str,
+        seen: Sightings,
+        index: int,
+        run: tuple[int, int],
+        requirement: Requirement | None = None,
+    ) -> ExpectedEdge:
+        first, last = run
+        share = np.array([first, last])[:, None] / (SAMPLES - 1)
+        ends = seen.start_mm[index] * (1 - share) + seen.end_mm[index] * share
+        blur = self.stage.plane.blur_px(seen.depth_mm[index, first : last + 1])
+        edge = ExpectedEdge(
+            name=name,
+            feature=feature,
+            role=role,  # type: ignore[arg-type]
+            start_px=seen.places_px[index, first],
+            end_px=seen.places_px[index, last],
+            start_mm=ends[0],
+            end_mm=ends[1],
+            blur_px=float(np.sqrt(np.mean(blur**2))),
+            visible=seen.visible[index, first : last + 1],
+            requirement=requirement,
+        )
+        detail = _detail_px(edge, self.stage.plane) if requirement else float("nan")
+        return replace(edge, contrast=self._contrast(edge), detail_px=detail)
+
+    def _contrast(self, edge: ExpectedEdge) -> float:
+        stage = self.stage
+        if stage.light is None:
+            return float("nan")
+        share = np.linspace(0.2, 0.8, 13)[:, None]
+        places = edge.start_px * (1 - share) + edge.end_px * share
+        normals = np.broadcast_to(edge.normal, places.shape)
+        away = _CLEAR_OF_EDGE_PX + edge.blur_px / 2
+        return contrast_along(
+            places, normals, away, stage.light, stage.scene, stage.pose, stage.plane
+        )
+
+    def _neighbours(
+        self, corner_mm: FloatArray, direction: FloatArray | None
+    ) -> tuple[int, ...]:
+        """Edges that run through a corner, measured near it."""
+        stage = self.stage
+        touching = np.flatnonzero(_distance_mm(stage.lines, corner_mm) < _SAME_PLACE_MM)
+        found: list[int] = []
+        for line in touching:
+            own = self._feature_lines.get(int(line))
+            ways = (False, True) if own is None else (False,)
+            for toward_end in ways:
+                number = own
+                if number is None:
+                    number = self._neighbour(int(line), corner_mm, toward_end)
+                if number is None:
+                    continue
+                crossing = _cross(self.edges[number].direction, direction)
+                if crossing > _SMALLEST_CROSSING:
+                    found.append(number)
+        return tuple(sorted(set(found)))
+
+    def _neighbour(
+        self, line: int, corner_mm: FloatArray, toward_end: bool
+    ) -> int | None:
+        """The visible run that leaves the corner in one direction along a line."""
+        lines, seen = self.stage.lines, self.stage.seen
+        along = lines.end_mm[line] - lines.start_mm[line]
+        place = float((corner_mm - lines.start_mm[line]) @ along / (along @ along))
+        first = round(place * (SAMPLES - 1))
+        step = 1 if toward_end else -1
+        inner = first + step
+        if not 0 <= inner < SAMPLES or not seen.visible[line, inner]:
+            return None
+        key = (line, toward_end) if 0.01 < place < 0.99 else (line, place < 0.5)
+        if key in self._neighbour_of:
+            return self._neighbour_of[key]
+        last = inner
+        while 0 <= last + step < SAMPLES and seen.visible[line, last + step]:
+            last += step
+        run = (min(first, last), max(first, last))
+        number = self._added_crop(line, run, near_end=not toward_end)
+        if number is not None:
+            self._neighbour_of[key] = number
+        return number
+
+    def _added_crop(
+        self, line: int, run: tuple[int, int], *, near_end: bool
+    ) -> int | None:
+        name = f"edge {line + 1}"
+        edge = self._edge(name, "", "neighbour", self.stage.seen, line, run)
+        if not edge.length_px > _SHORTEST_NEIGHBOUR_PX:
+            return None
+        self._used.add(line)
+        low, high = (
+            (1 - _CROP_PX / edge.length_px, 1.0)
+            if near_end
+            else (
+                0.0,
+                _CROP_PX / edge.length_px,
+            )
+        )
+        self.edges.append(_cropped(edge, low, high, self.stage.plane))
+        return len(self.edges) - 1
+
+    def add_auxiliary(self, count: int) -> None:
+        """The longest visible runs that are not measured yet."""
+        seen = self.stage.seen
+        candidates = []
+        for line in np.flatnonzero(seen.visible.sum(axis=1) > 2):
+            if int(line) in self._used:
+                continue
+            for run in runs(seen.visible[line]):
+                places = seen.places_px[line, [run[0], run[1]]]
+                length = float(np.linalg.norm(places[1] - places[0]))
+                if length > _SHORTEST_AUXILIARY_PX:
+                    candidates.append((-length, int(line), run))
+        for _, line, run in sorted(candidates)[:count]:
+            edge = self._edge(f"edge {line + 1}", "", "auxiliary", seen, line, run)
+            half = min(_CROP_PX / edge.length_px, 1.0) / 2
+            self.edges.append(_cropped(edge, 0.5 - half, 0.5 + half, self.stage.plane))
+
+    def _rim(self, feature: Feature) -> ExpectedRim:
+        stage = self.stage
+        return expected_rim(
+            feature,
+            stage.scene,
+            stage.pose,
+            stage.plane,
+            stage.light,
+            stage.requirements.get(feature.id),
+        )
+
+    def _point(self, feature: Feature) -> ExpectedPoint:
+        part = np.asarray(feature.key_points_mm)[0]
+        camera = self.stage.pose.inverse().apply(part)
+        return ExpectedPoint(
+            feature=feature.id,
+            point_px=self.stage.plane.project(camera),
+            point_mm=camera,
+            neighbours=self._neighbours(part, None),
+            blur_px=float(self.stage.plane.blur_px(camera[2])),
+        )
+
+
+def _straight_segments(
+    polyline_mm: FloatArray,
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Maximal straight segments of a polyline (n, 3)."""
+    points = [polyline_mm[0]]
+    for a, b in itertools.pairwise(polyline_mm):
+        before, after = a - points[-1], b - a
+        size = np.linalg.norm(before) * np.linalg.norm(after)
+        if np.linalg.norm(np.cross(before, after)) > 1e-6 * size or before @ after < 0:
+            points.append(a)
+    points.append(polyline_mm[-1])
+    return list(itertools.pairwise(points))
+
+
+def _on_line(lines: Lines, a_mm: FloatArray, b_mm: FloatArray) -> BoolArray:
+    """Which CAD edges overlap the segment a-b along one line."""
+    along = lines.end_mm - lines.start_mm
+    length = np.maximum(np.linalg.norm(along, axis=1), 1e-12)
+    unit = along / length[:, None]
+    off = []
+    places = []
+    for point in (a_mm, b_mm):
+        relative = point - lines.start_mm
+        place = np.einsum("ki,ki->k", relative, unit)
+        off.append(np.linalg.norm(relative - place[:, None] * unit, axis=1))
+        places.append(place)
+    low, high = np.minimum(*places), np.maximum(*places)
+    overlap = np.minimum(high, length) - np.maximum(low, 0.0)
+    return np.asarray((np.maximum(*off) < _SAME_PLACE_MM) & (overlap > _SAME_PLACE_MM))
+
+
+def _distance_mm(lines: Lines, point_mm: FloatArray) -> FloatArray:
+    """Distance of a point from every line segment, (k,) mm."""
+    along = lines.end_mm - lines.start_mm
+    square = np.maximum(np.einsum("ki,ki->k", along, along), 1e-12)
+    relative = point_mm - lines.start_mm
+    place = np.clip(np.einsum("ki,ki->k", relative, along) / square, 0, 1)
+    return np.asarray(np.linalg.norm(relative - place[:, None] * along, axis=1))
+
+
+def _cross(a: FloatArray, b: FloatArray | None) -> float:
+    return 1.0 if b is None else float(abs(a[0] * b[1] - a[1] * b[0]))
+
+
+def _cropped(
+    edge: ExpectedEdge, low: float, high: float, plane: ImagePlane
+) -> ExpectedEdge:
+    """A piece of an edge, by shares of its length in the picture."""
+    low, high = max(low, 0.0), min(high, 1.0)
+    if low <= 0.0 and high >= 1.0:
+        return edge
+    depth = edge.start_mm[2], edge.end_mm[2]
+    ends = []
+    for share in (low, high):
+        # Even steps in the picture are even steps in 1/z along the edge.
+        part = share * depth[0] / (share * depth[0] + (1 - share) * depth[1])
+        ends.append(edge.start_mm * (1 - part) + edge.end_mm * part)
+    middle = (ends[0] + ends[1]) / 2
+    return replace(
+        edge,
+        start_px=plane.project(ends[0]),
+        end_px=plane.project(ends[1]),
+        start_mm=ends[0],
+        end_mm=ends[1],
+        blur_px=float(plane.blur_px(middle[2])),
+    )
+
+
+def _detail_px(edge: ExpectedEdge, plane: ImagePlane) -> float:
+    """Image of the required detail along the edge, raw pixels, at its worst end."""
+    if edge.requirement is None:
+        return float("nan")
+    along = edge.end_mm - edge.start_mm
+    step = along / np.linalg.norm(along) * edge.requirement.detail_mm
+    sizes = []
+    for point, sign in ((edge.start_mm, 1.0), (edge.end_mm, -1.0)):
+        pair = plane.raw(plane.project(np.stack([point, point + sign * step])))
+        sizes.append(float(np.linalg.norm(pair[1] - pair[0])))
+    return min(sizes)

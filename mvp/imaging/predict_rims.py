@@ -1,0 +1,126 @@
+"""The near rim of a hole as a view must show it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mvp.imaging.expectation import ExpectedRim, Requirement
+from mvp.imaging.predict_contrast import LightModel, contrast_along
+from mvp.imaging.predict_lines import hidden
+
+if TYPE_CHECKING:
+    from mvp.geometry import FloatArray, Pose
+    from mvp.imaging.measure_plane import ImagePlane
+    from mvp.imaging.render_scene import RenderScene
+    from mvp.scene import Feature
+
+RIM_POINTS = 96
+_LIFT_MM = 0.02
+
+
+def expected_rim(
+    feature: Feature,
+    scene: RenderScene,
+    part_from_camera: Pose,
+    plane: ImagePlane,
+    light: LightModel | None,
+    requirement: Requirement | None,
+) -> ExpectedRim:
+    """Predict the ellipse of a hole feature's rim."""
+    outline = np.asarray(feature.outline_mm[0])
+    centre, axis, radius = fitted_circle(part_from_camera.inverse().apply(outline))
+    points = circle_points(centre, axis, radius)
+    places = plane.project(points)
+    lifted = points + _LIFT_MM * axis
+    visible = ~hidden(lifted, scene, part_from_camera) & plane.inside(places)
+    blur = float(np.sqrt(np.mean(plane.blur_px(points[:, 2]) ** 2)))
+    contrast = float("nan")
+    if light is not None:
+        normals = outward_normals(places)
+        contrast = contrast_along(
+            places, normals, 1.5 + blur / 2, light, scene, part_from_camera, plane
+        )
+    detail = float("nan")
+    if requirement is not None:
+        detail = _detail_px(centre, axis, radius, requirement, plane)
+    return ExpectedRim(
+        feature.id,
+        places,
+        centre,
+        axis,
+        radius,
+        ellipse_axes(places),
+        blur,
+        visible,
+        contrast,
+        requirement,
+        detail,
+    )
+
+
+def fitted_circle(points: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Centre, axis towards the camera and radius of points (n, 3) on a circle."""
+    middle = points.mean(axis=0)
+    _, _, rows = np.linalg.svd(points - middle)
+    flat = (points - middle) @ rows[:2].T
+    system = np.column_stack([2 * flat, np.ones(len(flat))])
+    u, v, w = np.linalg.lstsq(system, (flat**2).sum(axis=1), rcond=None)[0]
+    centre = middle + u * rows[0] + v * rows[1]
+    axis = rows[2] if rows[2] @ centre < 0 else -rows[2]
+    return centre, axis, float(np.sqrt(w + u * u + v * v))
+
+
+def circle_points(
+    centre: FloatArray, axis: FloatArray, radius: float, count: int = RIM_POINTS
+) -> FloatArray:
+    """Even points (count, 3) on a circle."""
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first = first / np.linalg.norm(first)
+    second = np.cross(axis, first)
+    turn = np.arange(count) / count * 2 * np.pi
+    return np.asarray(
+        centre
+        + radius * (np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second)
+    )
+
+
+def outward_normals(places_px: FloatArray) -> FloatArray:
+    """Unit normals (n, 2) of a closed convex polyline, away from its middle."""
+    tangent = np.roll(places_px, -1, axis=0) - np.roll(places_px, 1, axis=0)
+    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    outward = ((places_px - places_px.mean(axis=0)) * normal).sum(axis=1)
+    return np.asarray(normal * np.sign(np.median(outward)))
+
+
+def ellipse_axes(places_px: FloatArray) -> tuple[float, float]:
+    """Full (major, minor) axes of an ellipse given by points that are on it (n, 2)."""
+    centred = places_px - places_px.mean(axis=0)
+    scale = float(np.abs(centred).max())
+    x, y = (centred / scale).T
+    system = np.column_stack([x * x, x * y, y * y, x, y])
+    a, b, c, d, e = np.linalg.lstsq(system, np.ones(len(x)), rcond=None)[0]
+    quadric = np.array([[a, b / 2], [b / 2, c]])
+    middle = np.linalg.solve(-2 * quadric, np.array([d, e]))
+    level = 1 + middle @ quadric @ middle
+    values = np.linalg.eigvalsh(quadric)
+    full = 2 * scale * np.sqrt(level / values)
+    return float(full.max()), float(full.min())
+
+
+def _detail_px(
+    centre: FloatArray,
+    axis: FloatArray,
+    radius: float,
+    requirement: Requirement,
+    plane: ImagePlane,
+) -> float:
+    """Smallest image of the required detail along the rim, raw pixels."""
+    share = requirement.detail_mm / radius
+    count = max(int(np.ceil(2 * np.pi / share)), 8)
+    raw = plane.raw(plane.project(circle_points(centre, axis, radius, count)))
+    step = np.linalg.norm(raw - np.roll(raw, 1, axis=0), axis=1)
+    chord = 2 * radius * np.sin(np.pi / count)
+    return float(step.min() * requirement.detail_mm / chord)

@@ -1,0 +1,263 @@
+"""Reports of straight feature edges and point features, and what they must keep."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mvp.imaging.cause import scale_tolerance, shift_tolerance_px
+from mvp.imaging.measure_ends import Crossing, EndPoint, find_end, not_measured
+from mvp.imaging.verify_data import Blur, EdgeReport, PointReport
+
+if TYPE_CHECKING:
+    from mvp.geometry import FloatArray
+    from mvp.imaging.edge_samples import Line, Picture
+    from mvp.imaging.expectation import ExpectedEdge, ExpectedPoint, ViewExpectation
+    from mvp.imaging.measure_edges import EdgeMeasurement
+    from mvp.imaging.measure_view import MeasuredView
+
+LENGTH_PX = 1.0
+LENGTH_SHARE = 0.01
+SMALLEST_SNR = 5.0
+VISIBLE = 0.9
+LOST = 0.75
+SATURATED = 0.05
+FAINT = 0.03
+_TWO_SIGMA = 1.96
+
+
+def blur_of(found: EdgeMeasurement | None, predicted_px: float, c_px: float) -> Blur:
+    """Blur diameter with its 95 % interval."""
+    if found is None or not found.found or found.saturated > SATURATED:
+        return Blur(None, None, None, predicted_px, c_px)
+    low = found.blur_q_px2 - _TWO_SIGMA * found.blur_q_sd
+    high = found.blur_q_px2 + _TWO_SIGMA * found.blur_q_sd
+    return Blur(
+        found.blur_px,
+        float(np.sqrt(max(low, 0.0))),
+        float(np.sqrt(max(high, 0.0))),
+        predicted_px,
+        c_px,
+    )
+
+
+def edge_report(
+    picture: Picture, expectation: ViewExpectation, view: MeasuredView, index: int
+) -> EdgeReport:
+    """Everything about one feature edge."""
+    edge, found = expectation.edges[index], view.found[index]
+    ends = [
+        _end(picture, view, index, edge.start_px, edge.start_neighbours, expectation),
+        _end(picture, view, index, edge.end_px, edge.end_neighbours, expectation),
+    ]
+    length, sd = _length(ends, found)
+    offset = _offset_at_middle(edge, found) if found.found else None
+    raw = [
+        tuple(map(float, expectation.plane.raw(p)))
+        for p in (edge.start_px, edge.end_px)
+    ]
+    middle = (edge.start_px + edge.end_px) / 2
+    return EdgeReport(
+        feature=edge.feature,
+        name=edge.name,
+        predicted_px=edge.length_px,
+        measured_px=length,
+        measured_sd_px=sd,
+        start_px=_raw_place(expectation, ends[0]),
+        end_px=_raw_place(expectation, ends[1]),
+        predicted_start_px=(raw[0][0], raw[0][1]),
+        predicted_end_px=(raw[1][0], raw[1][1]),
+        offset_px=offset,
+        offset_after_px=float(view.residual_px[index]) if found.found else None,
+        offset_sd_px=found.offset_sd_px if found.found else None,
+        allowed_offset_px=shift_tolerance_px(
+            expectation, (float(middle[0]), float(middle[1]))
+        ),
+        visible_fraction=found.visible_fraction if found.found else 0.0,
+        saturated=found.saturated,
+        step=found.step if found.found else None,
+        snr=found.snr,
+        predicted_contrast=None if np.isnan(edge.contrast) else edge.contrast,
+        detail_px=_detail(edge.detail_px, length, edge.length_px),
+        required_px=edge.requirement.pixels if edge.requirement else None,
+        blur=blur_of(found, edge.blur_px, expectation.c_px),
+        notes=_notes(edge, found, ends),
+    )
+
+
+def _detail(detail_px: float, measured: float | None, predicted: float) -> float | None:
+    if measured is None or np.isnan(detail_px):
+        return None
+    return float(detail_px * measured / predicted)
+
+
+def _offset_at_middle(edge: ExpectedEdge, found: EdgeMeasurement) -> float:
+    """Across the planned line, at its middle, to where the measured line crosses."""
+    middle = (edge.start_px + edge.end_px) / 2
+    away = float(found.line.across @ (found.line.middle_px - middle))
+    return away * float(np.sign(found.line.across @ edge.normal))
+
+
+def _end(
+    picture: Picture,
+    view: MeasuredView,
+    index: int,
+    expected_px: FloatArray,
+    neighbours: tuple[int, ...],
+    expectation: ViewExpectation,
+) -> EndPoint:
+    if not neighbours:
+        return not_measured("no visible edge of the part crosses there")
+    crossings = [
+        Crossing(expectation.edges[n].name, view.found[n], float(view.residual_px[n]))
+        for n in neighbours
+    ]
+    expected = view.alignment.apply(expected_px)
+    own = float(view.residual_px[index])
+    return find_end(picture, view.found[index], expected, crossings, own)
+
+
+def _length(
+    ends: list[EndPoint], found: EdgeMeasurement
+) -> tuple[float | None, float | None]:
+    if not (ends[0].measured and ends[1].measured):
+        return None, None
+    between = ends[1].place_px - ends[0].place_px
+    length = float(np.linalg.norm(between))
+    along = between / max(length, 1e-9)
+    total = ends[0].covariance + ends[1].covariance
+    return length, float(np.sqrt(along @ total @ along))
+
+
+def _raw_place(
+    expectation: ViewExpectation, end: EndPoint
+) -> tuple[float, float] | None:
+    if not end.measured:
+        return None
+    raw = expectation.plane.raw(end.place_px)
+    return float(raw[0]), float(raw[1])
+
+
+def _notes(
+    edge: ExpectedEdge, found: EdgeMeasurement, ends: list[EndPoint]
+) -> tuple[str, ...]:
+    notes = []
+    if not found.found:
+        notes.append(f"not found: {found.reason}")
+    for word, end in zip(("start", "end"), ends, strict=True):
+        if not end.measured:
+            notes.append(f"{word} not measured: {end.reason}")
+    if found.saturated > SATURATED:
+        notes.append(f"{found.saturated:.0%} of its pixels are saturated: no blur")
+    if not edge.visible.all():
+        notes.append(f"the plan itself shows only {edge.visible.mean():.0%} of it")
+    return tuple(notes)
+
+
+def faint(report: EdgeReport) -> bool:
+    """The light gives it no contrast, by prediction or in the picture."""
+    if report.predicted_contrast is not None:
+        return report.predicted_contrast < FAINT
+    return report.step is None and report.snr < SMALLEST_SNR
+
+
+def broken_promises(report: EdgeReport, expectation: ViewExpectation) -> list[str]:
+    """What a measured edge does not keep, in words."""
+    broken = []
+    if report.measured_px is not None:
+        change = abs(report.measured_px - report.predicted_px)
+        allowed = max(
+            LENGTH_PX,
+            LENGTH_SHARE * report.predicted_px,
+            scale_tolerance(expectation) * report.predicted_px,
+        )
+        if change > allowed:
+            broken.append(
+                f"length {report.measured_px:.1f} px instead of {report.predicted_px:.1f}"
+            )
+    sd = report.offset_sd_px or 0.0
+    if (
+        report.offset_px is not None
+        and abs(report.offset_px) > max(report.allowed_offset_px, 1.0) + 3 * sd
+    ):
+        broken.append(f"{abs(report.offset_px):.1f} px beside its place")
+    if report.visible_fraction < VISIBLE:
+        broken.append(f"seen on {report.visible_fraction:.0%} of its length")
+    if report.saturated > SATURATED:
+        broken.append(f"{report.saturated:.0%} of its pixels saturated")
+    if report.blur.measured_px is not None and _too_blurred(report.blur):
+        broken.append(
+            f"blur {report.blur.measured_px:.2f} px above {report.blur.c_px:.2f}"
+        )
+    if too_coarse(report.detail_px, report.required_px, report):
+        broken.append(
+            f"the required detail covers {report.detail_px:.2f} px"
+            f" instead of {report.required_px:.2f}"
+        )
+    return broken
+
+
+def _too_blurred(blur: Blur) -> bool:
+    low, high, measured = blur.low_px, blur.high_px, blur.measured_px
+    if low is None or high is None or measured is None:
+        return False
+    sd = (high - low) / (2 * _TWO_SIGMA)
+    return measured > blur.c_px + 3 * sd and low > blur.c_px
+
+
+def too_coarse(
+    detail_px: float | None, required_px: float | None, report: EdgeReport | None
+) -> bool:
+    """The measured image of the required detail is too small, beyond doubt."""
+    if detail_px is None or required_px is None:
+        return False
+    doubt = 0.0
+    if report is not None and report.measured_px and report.measured_sd_px:
+        doubt = 2 * report.measured_sd_px / report.measured_px * detail_px
+    return detail_px < required_px - doubt
+
+
+def point_report(
+    point: ExpectedPoint, expectation: ViewExpectation, view: MeasuredView
+) -> PointReport:
+    """A corner as the crossing of the edges that meet in it."""
+    raw = expectation.plane.raw(point.point_px)
+    place, sd, notes = _corner(point, view)
+    measured, offset = None, None
+    if place is not None:
+        at = expectation.plane.raw(place)
+        measured = (float(at[0]), float(at[1]))
+        offset = float(np.linalg.norm(place - point.point_px))
+    return PointReport(
+        feature=point.feature,
+        predicted_px=(float(raw[0]), float(raw[1])),
+        measured_px=measured,
+        measured_sd_px=sd,
+        offset_px=offset,
+        allowed_offset_px=shift_tolerance_px(
+            expectation, (float(point.point_px[0]), float(point.point_px[1]))
+        ),
+        notes=notes,
+    )
+
+
+def _corner(
+    point: ExpectedPoint, view: MeasuredView
+) -> tuple[FloatArray | None, float | None, tuple[str, ...]]:
+    lines: list[tuple[Line, float]] = [
+        (view.found[n].line, view.found[n].offset_sd_px)
+        for n in point.neighbours
+        if view.agrees[n]
+    ]
+    if len(lines) < 2:
+        return None, None, ("fewer than two of its edges were found",)
+    normals = np.array([line.across for line, _ in lines])
+    weight = np.array([1 / (sd**2 + 0.03**2) for _, sd in lines])
+    gram = normals.T @ (normals * weight[:, None])
+    if np.linalg.cond(gram) > 1e4:
+        return None, None, ("its edges cross at too small an angle",)
+    offsets = np.array([line.across @ line.middle_px for line, _ in lines])
+    place = np.linalg.solve(gram, normals.T @ (weight * offsets))
+    sd = float(np.sqrt(np.trace(np.linalg.inv(gram))))
+    return np.asarray(place), sd, ()
