@@ -26,26 +26,45 @@ if TYPE_CHECKING:
 _FIXED_DIRECTIONS = 8
 _ANGLES_RAD = 2 * np.pi * np.arange(_FIXED_DIRECTIONS) / _FIXED_DIRECTIONS
 _FIXED = np.stack([np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)], axis=1)
+_BORDER_SAMPLES = 65
 _SIDES = ("left", "right", "top", "bottom")
 _SIDE_AXIS = np.array([0, 0, 1, 1])
 _SIDE_SIGN = np.array([1.0, -1.0, 1.0, -1.0])
 
 
-def half_extents_mm(intrinsics: Intrinsics, *, guard_px: float = 0.0) -> FloatArray:
+def half_extents_mm(
+    intrinsics: Intrinsics, *, guard_px: float = 0.0, f_cal_mm: float | None = None
+) -> FloatArray:
     """From the principal point to the outermost pixel centres, (4,) mm.
 
     Args:
-        intrinsics: sensor and principal point.
+        intrinsics: sensor, principal point and distortion.
         guard_px: a band along every border that must stay free.
+        f_cal_mm: principal distance at which distortion is allowed for; the smallest
+            one in question is the safe choice. None: distortion is left out.
 
     Returns:
-        left, right, top, bottom; negative where the guard band reaches the centre.
+        left, right, top, bottom of the largest such rectangle whose undistorted points
+        all fall on the sensor; negative where the guard band reaches the centre.
     """
     sensor = intrinsics.sensor
+    pitch = np.repeat([sensor.pitch_x_mm, sensor.pitch_y_mm], 2)
     x, y = intrinsics.centre_x_px, intrinsics.centre_y_px
-    columns = np.array([x, sensor.width_px - 1 - x]) - guard_px
-    rows = np.array([y, sensor.height_px - 1 - y]) - guard_px
-    return np.concatenate([columns * sensor.pitch_x_mm, rows * sensor.pitch_y_mm])
+    reach = np.array([x, sensor.width_px - 1 - x, y, sensor.height_px - 1 - y])
+    plain = (reach - guard_px) * pitch
+    if f_cal_mm is None or not intrinsics.distortion.any():
+        return np.asarray(plain)
+    share = np.linspace(0, 1, _BORDER_SAMPLES)
+    columns, rows = share * (sensor.width_px - 1), share * (sensor.height_px - 1)
+    sides = (
+        np.stack([np.full_like(rows, guard_px), rows], axis=1),
+        np.stack([np.full_like(rows, sensor.width_px - 1 - guard_px), rows], axis=1),
+        np.stack([columns, np.full_like(columns, guard_px)], axis=1),
+        np.stack([columns, np.full_like(columns, sensor.height_px - 1 - guard_px)], 1),
+    )
+    ideal = intrinsics.to_normalised(np.stack(sides), f_cal_mm) * f_cal_mm
+    across = ideal[range(4), :, _SIDE_AXIS] * -_SIDE_SIGN[:, None]
+    return np.asarray(across.min(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +106,10 @@ class FieldOfViewCircle:
         intrinsics: Intrinsics,
         *,
         guard_px: float = 0.0,
+        f_cal_mm: float | None = None,
     ) -> FieldOfViewCircle:
         """The largest circle about the principal point that fits on the sensor."""
-        extents = half_extents_mm(intrinsics, guard_px=guard_px)
+        extents = half_extents_mm(intrinsics, guard_px=guard_px, f_cal_mm=f_cal_mm)
         return cls(centre_mm, radius_mm, float(extents.min()))
 
     def rows(self, views: Views, *, gradient: bool = True) -> Rows:
@@ -159,10 +179,12 @@ class FieldOfViewRectangle:
         intrinsics: Intrinsics,
         *,
         guard_px: float = 0.0,
+        f_cal_mm: float | None = None,
         names: tuple[str, ...] = (),
     ) -> FieldOfViewRectangle:
-        """The whole sensor less a guard band."""
-        return cls(points_mm, half_extents_mm(intrinsics, guard_px=guard_px), names)
+        """The whole sensor less a guard band, see ``half_extents_mm``."""
+        extents = half_extents_mm(intrinsics, guard_px=guard_px, f_cal_mm=f_cal_mm)
+        return cls(points_mm, extents, names)
 
     def rows(self, views: Views, *, gradient: bool = True) -> Rows:
         """(i z -+ f_cal X) / sqrt(i^2 + f_cal^2), sides within points, (N, 4 k) mm."""

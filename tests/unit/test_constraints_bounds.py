@@ -191,6 +191,21 @@ def test_points_at_the_border_pixels_have_no_margin():
     assert rectangle.labels[1] == "point 1, right"
 
 
+@pytest.mark.parametrize("k1", [-0.25, 0.2])
+def test_what_lies_in_the_extents_falls_on_a_distorting_sensor(k1):
+    sensor = Sensor(1280, 1024, 0.0053, 0.0053)
+    lens = Intrinsics(sensor, 650.0, 500.0, k1=k1, p1=0.002)
+    left, right, top, bottom = half_extents_mm(lens, guard_px=3, f_cal_mm=12.5)
+    rng = np.random.default_rng(1)
+    inside = rng.uniform([-left, -top], [right, bottom], (20_000, 2))
+    corners = np.array([[-left, -top], [right, -top], [-left, bottom], [right, bottom]])
+    pixels = lens.to_pixels(np.vstack([inside, corners]) / 12.5, 12.5)
+    assert (pixels >= 3 - 0.01).all()
+    assert (pixels <= np.array([1279, 1023]) - 3 + 0.01).all()
+    plain = half_extents_mm(lens, guard_px=3)
+    assert np.sign(plain - [left, right, top, bottom]).tolist() == [np.sign(k1)] * 4
+
+
 def test_degrees_of_field_of_view_are_how_far_the_camera_may_turn():
     circle = FieldOfViewCircle(np.array([5.0, -3, 2]), 20.0, 3.2)
     view = views_at([0, 0, 300])

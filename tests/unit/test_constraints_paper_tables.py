@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
 from mvp.constraints import (
     FieldOfViewCircle,
@@ -162,6 +164,44 @@ def test_sigma_indices_of_the_papers_results(name, near, far, field):
     assert index[1:] == pytest.approx([near, far, field], rel=0.02)
     if name == "V_f":
         assert index[0] == pytest.approx(169, rel=0.02)
+
+
+def shifted(base, error):
+    turn = Rotation.from_rotvec(error[3:6]).as_matrix()
+    d, f, a = base.d_mm + error[6], base.f_mm + error[7], base.a_mm + error[8]
+    position = base.position_mm + error[:3]
+    return Views(base.rotation @ turn, position, d, f, a, base.e_mm)
+
+
+def distance_to_failure(constraint, base, row, sigma):
+    """Shortest error, in standard deviations, that makes one row fail."""
+
+    def margin(x):
+        return constraint.rows(shifted(base, x * sigma), gradient=False).value[0, row]
+
+    rows = constraint.rows(base)
+    slope = rows.gradient[0, row] * sigma
+    first = -slope * rows.value[0, row] / (slope @ slope)
+    found = minimize(
+        lambda x: x @ x,
+        first,
+        jac=lambda x: 2 * x,
+        constraints={"type": "eq", "fun": lambda x: margin(x) * 100},
+        method="SLSQP",
+        options={"maxiter": 200},
+    )
+    assert abs(margin(found.x)) < 1e-6
+    return np.linalg.norm(found.x)
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_the_index_is_the_true_distance_to_failure_within_a_few_per_cent(name):
+    sigma = Uncertainty(1.0, np.deg2rad(0.3), 0.01, 0.0125, 0.008).sigma
+    for constraint in constraints()[1:]:
+        index = rows_index(constraint.rows(view(name)), sigma)[0]
+        row = int(np.argmin(index))
+        true = distance_to_failure(constraint, view(name), row, sigma)
+        assert index[row] == pytest.approx(true, rel=0.04)
 
 
 def test_resolution_four_times_as_fine_rejects_the_first_two_results():
