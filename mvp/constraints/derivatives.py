@@ -20,12 +20,6 @@ IN_FRONT_MM = 1e-6
 """A depth that is not larger counts as behind the camera."""
 
 
-def camera_points(views: Views, points_part: FloatArray) -> FloatArray:
-    """Points (M, 3) in every camera's frame, (N, M, 3) mm."""
-    origin = np.matmul(views.position_mm[:, None], views.rotation)
-    return np.asarray(np.matmul(points_part[None], views.rotation) - origin)
-
-
 def empty_gradient(shape: tuple[int, ...]) -> FloatArray:
     """Zeros of shape (*shape, 9)."""
     return np.zeros((*shape, N_COORDINATES))

@@ -15,7 +15,6 @@ from mvp.constraints.base import Kind, Report, Rows, worst_of
 from mvp.constraints.derivatives import (
     add_pose_gradient,
     add_principal_distance_gradient,
-    camera_points,
     empty_gradient,
 )
 from mvp.geometry import FloatArray, as_points
@@ -114,7 +113,7 @@ class FieldOfViewCircle:
 
     def rows(self, views: Views, *, gradient: bool = True) -> Rows:
         """Z sin h - (t . (X, Y)) cos h - R_f for nine directions t, (N, 9) mm."""
-        q = camera_points(views, self.centre_mm[None])
+        q = views.camera_points(self.centre_mm[None])
         half = np.arctan2(self.image_radius_mm, views.f_cal_mm)[:, None]
         directions = _directions(q[:, 0, :2])
         off_axis = np.matmul(directions, q[:, 0, :2, None])[..., 0]
@@ -134,7 +133,7 @@ class FieldOfViewCircle:
 
     def report(self, views: Views) -> Report:
         """Angle by which the camera may turn before the sphere is cut, deg."""
-        q = camera_points(views, self.centre_mm[None])[:, 0]
+        q = views.camera_points(self.centre_mm[None])[:, 0]
         half = np.arctan2(self.image_radius_mm, views.f_cal_mm)
         distance = np.linalg.norm(q, axis=1)
         safe = np.maximum(distance, max(self.radius_mm, np.finfo(float).tiny))
@@ -188,7 +187,7 @@ class FieldOfViewRectangle:
 
     def rows(self, views: Views, *, gradient: bool = True) -> Rows:
         """(i z -+ f_cal X) / sqrt(i^2 + f_cal^2), sides within points, (N, 4 k) mm."""
-        q = camera_points(views, self.points_mm)
+        q = views.camera_points(self.points_mm)
         f_cal = views.f_cal_mm[:, None, None]
         extents = self.extents_mm
         root = np.sqrt(extents**2 + f_cal**2)
@@ -209,7 +208,7 @@ class FieldOfViewRectangle:
 
     def report(self, views: Views) -> Report:
         """Smallest angle between a point's ray and a side of the pyramid, deg."""
-        q = camera_points(views, self.points_mm)
+        q = views.camera_points(self.points_mm)
         distance = np.repeat(np.linalg.norm(q, axis=-1), 4, axis=1)
         value = self.rows(views, gradient=False).value
         safe = np.where(distance > 0, distance, 1.0)

@@ -16,7 +16,6 @@ from mvp.constraints.base import A, D, F, Kind, Report, Rows, worst_of
 from mvp.constraints.derivatives import (
     IN_FRONT_MM,
     add_depth_gradient,
-    camera_points,
     empty_gradient,
     replace_behind,
 )
@@ -58,7 +57,7 @@ class FocusNear:
             views.d_mm, views.f_mm, views.a_mm, self.c_mm, views.e_mm
         )
         limit = np.minimum(near - views.e_mm, _UNREACHABLE_MM)
-        depth = camera_points(views, self.points_mm)[..., 2]
+        depth = views.camera_points(self.points_mm)[..., 2]
         return worst_of("mm", depth - limit[:, None], self.labels)
 
 
@@ -90,7 +89,7 @@ class FocusFar:
         _, far = depth_limits_mm(
             views.d_mm, views.f_mm, views.a_mm, self.c_mm, views.e_mm
         )
-        depth = camera_points(views, self.points_mm)[..., 2]
+        depth = views.camera_points(self.points_mm)[..., 2]
         slack = (far - views.e_mm)[:, None] - depth
         behind = np.minimum(depth, 0.0) - 1.0
         value = np.where(depth > IN_FRONT_MM, slack, behind)
@@ -111,7 +110,7 @@ def _blur_rows(
     views: Views, points: FloatArray, c_mm: float, sign: int, gradient: bool
 ) -> Rows:
     """C + sign b with its gradient."""
-    q = camera_points(views, points)
+    q = views.camera_points(points)
     behind = q[..., 2] <= IN_FRONT_MM
     z = np.where(behind, 1.0, q[..., 2])
     d, f, a = (v[:, None] for v in (views.d_mm, views.f_mm, views.a_mm))

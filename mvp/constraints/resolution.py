@@ -15,7 +15,6 @@ from mvp.constraints.derivatives import (
     IN_FRONT_MM,
     add_pose_gradient,
     add_principal_distance_gradient,
-    camera_points,
     empty_gradient,
     replace_behind,
 )
@@ -108,8 +107,8 @@ class Resolution:
 
     def rows(self, views: Views, *, gradient: bool = True) -> Rows:
         """Pixels covered minus pixels required, (N, R) px."""
-        qa = camera_points(views, self.starts_mm)
-        qb = camera_points(views, self.ends_mm)
+        qa = views.camera_points(self.starts_mm)
+        qb = views.camera_points(self.ends_mm)
         depth = np.minimum(qa[..., 2], qb[..., 2])
         behind = (depth <= IN_FRONT_MM) | (views.f_cal_mm[:, None] <= 0)
         za = np.where(behind, 1.0, qa[..., 2])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mvp.geometry import BoolArray, FloatArray, IntArray, Pose, as_points
+from mvp.optics.thick_lens import focus_distance_mm, principal_distance_mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,22 +70,18 @@ class Views:
 
     @property
     def f_cal_mm(self) -> FloatArray:
-        """Principal distance f_cal = d - e (d - f) / f, (N,) mm (design section 4)."""
-        return np.asarray(self.d_mm - self.e_mm * (self.d_mm - self.f_mm) / self.f_mm)
+        """Principal distance f_cal = d - e (d - f) / f, (N,) mm."""
+        return principal_distance_mm(self.d_mm, self.f_mm, self.e_mm)
 
     @property
     def focus_distance_mm(self) -> FloatArray:
         """D_f = f d / (d - f) from the front nodal point, (N,) mm; inf for d <= f."""
-        gap = self.d_mm - self.f_mm
-        product = self.f_mm * self.d_mm
-        with np.errstate(divide="ignore"):
-            safe_gap = np.where(gap > 0, gap, 1.0)
-            return np.asarray(np.where(gap > 0, product / safe_gap, np.inf))
+        return focus_distance_mm(self.d_mm, self.f_mm)
 
     def camera_points(self, points_part: FloatArray) -> FloatArray:
         """Points (M, 3) in every camera's frame, (N, M, 3) mm."""
         relative = points_part[None] - self.position_mm[:, None]
-        return np.asarray(np.einsum("nmi,nij->nmj", relative, self.rotation))
+        return np.asarray(np.matmul(relative, self.rotation))
 
     def part_from_camera(self, index: int = 0) -> Pose:
         """The pose of one view."""
