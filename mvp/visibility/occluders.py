@@ -153,7 +153,8 @@ def _components(count: int, pairs: IntArray) -> IntArray:
     """Connected component (count,) of a graph given by pairs (p, 2)."""
     ones = np.ones(len(pairs), dtype=np.bool_)
     graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    labels = connected_components(graph, directed=False)[1]
+    return np.asarray(labels, dtype=np.int64)
 
 
 def _usable(vertices: FloatArray, faces: IntArray, height_mm: float) -> BoolArray:

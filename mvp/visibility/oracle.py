@@ -177,7 +177,7 @@ def _corner_inside(soup: _Soup, points: FloatArray, polygon: FloatArray) -> Bool
         for a, b in _sides(polygon):
             normal = np.cross(a - x, b - x)
             depth = normal @ (soup.corners - a).T
-            inward = np.einsum("nd,nd->n", normal, middle - a)[:, None]
+            inward = (normal @ (middle - a))[:, None]
             inside &= depth * np.sign(inward) > _STRICT * np.abs(inward)
         found[block] = inside.any(axis=1)
     return found

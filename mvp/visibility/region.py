@@ -135,7 +135,7 @@ class Region:
         slack = _WALL_SHARE * self.workspace.diagonal_mm
         low = (np.abs(triangles - self.workspace.low_mm) <= slack).all(axis=1)
         high = (np.abs(triangles - self.workspace.high_mm) <= slack).all(axis=1)
-        return np.asarray((low | high).any(axis=1))
+        return np.asarray(np.logical_or(low, high).any(axis=1))
 
     @property
     def binding(self) -> str:

@@ -11,12 +11,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from manifold3d import Manifold
+from manifold3d import Error, Manifold, Mesh64
+from scipy.spatial import ConvexHull, QhullError
 
 if TYPE_CHECKING:
     from mvp.geometry import Box, FloatArray
 
-# Beyond this ratio of push to workspace the hull's far points would cost digits.
+# A hull of points p is good to 1e-7 max |p|, so the far points must stay near.
+_NEAR_SCALE = 5.0
+_MOST_POINTS = 256
+# Beyond this scale even the careful hull would lose digits.
 _LONGEST_PUSH = 2e3
 _TOUCHING = 1e-10
 
@@ -37,10 +41,31 @@ class Caster:
 
     def shadow(self, occluder_mm: FloatArray) -> Manifold:
         """Occluded solid of a convex polygon (k, 3); exact inside the workspace."""
-        push, longest = self._push(occluder_mm)
+        away = occluder_mm[:, None] - self.feature_mm[None]
+        length = np.linalg.norm(away, axis=2)
+        longest = float(length.max())
+        axis = away.reshape(-1, 3).mean(axis=0)
+        axis /= max(float(np.linalg.norm(axis)), 1e-300)
+        along = away @ axis
+        if along.min() * _NEAR_SCALE > longest:
+            push = 1.01 * self.reach_mm / float(along.min())
+            return self._hull(_pushed(occluder_mm, away, push))
+        rays = (away / np.maximum(length, 1e-300)[..., None])[length > 0]
+        opening = float((rays @ axis).min(initial=1.0))
+        few = len(occluder_mm) * (len(rays) + 1) <= _MOST_POINTS
+        if few and opening * _NEAR_SCALE > 1:
+            far = 1.01 * self.reach_mm / opening * rays
+            points = np.concatenate([np.zeros((1, 3)), far]) + occluder_mm[:, None]
+            return self._hull(points.reshape(-1, 3))
+        push = self._push(occluder_mm, longest)
         if push * longest > _LONGEST_PUSH * self.reach_mm:
             return self._by_planes(occluder_mm)
-        return self._pushed(occluder_mm, push)
+        return careful_hull(_pushed(occluder_mm, away, push))
+
+    def _hull(self, points_mm: FloatArray) -> Manifold:
+        """Hull, in coordinates about the workspace's middle to keep digits."""
+        centre = self.box.centre_mm
+        return Manifold.hull_points(points_mm - centre).translate(tuple(centre))
 
     def shadow_of_hull(self, points_mm: FloatArray) -> Manifold:
         """Occluded solid of the hull of points (k, 3) that keeps off the feature.
@@ -51,29 +76,26 @@ class Caster:
         gap = separation_mm(points_mm, self.feature_mm)
         if gap <= 0:
             raise ValueError("the hull is not separated from the feature")
-        return self._pushed(points_mm, 1.01 * self.reach_mm / gap)
+        away = points_mm[:, None] - self.feature_mm[None]
+        push = 1.01 * self.reach_mm / gap
+        if gap * _NEAR_SCALE > np.linalg.norm(away, axis=2).max():
+            return self._hull(_pushed(points_mm, away, push))
+        return careful_hull(_pushed(points_mm, away, push))
 
-    def _pushed(self, occluder_mm: FloatArray, push: float) -> Manifold:
-        """Hull of the occluder and its copies pushed away from the feature."""
-        away = occluder_mm[:, None] - self.feature_mm[None]
-        far = occluder_mm[:, None] + push * away
-        return Manifold.hull_points(np.concatenate([occluder_mm, far.reshape(-1, 3)]))
-
-    def _push(self, occluder_mm: FloatArray) -> tuple[float, float]:
-        """Multiple of p - q that passes the workspace, and the longest p - q, mm.
+    def _push(self, occluder_mm: FloatArray, longest_mm: float) -> float:
+        """Multiple of p - q that passes the workspace.
 
         The outermost multiple of a direction u inside P - F is where u leaves it, at
         one of its faces that do not contain the origin; no face is nearer to the origin
         than its plane, so reach over the nearest such plane suffices.
         """
         away = (occluder_mm[:, None] - self.feature_mm[None]).reshape(-1, 3)
-        longest = float(np.linalg.norm(away, axis=1).max())
         normals = _difference_normals(occluder_mm, self.feature_mm)
         heights = away @ normals.T
         offsets = np.concatenate([heights.max(axis=0), -heights.min(axis=0)])
-        offsets = offsets[offsets > _TOUCHING * max(longest, 1e-300)]
-        nearest = float(offsets.min(initial=longest))
-        return 1.01 * self.reach_mm / max(nearest, 1e-300), longest
+        offsets = offsets[offsets > _TOUCHING * max(longest_mm, 1e-300)]
+        nearest = float(offsets.min(initial=longest_mm))
+        return 1.01 * self.reach_mm / max(nearest, 1e-300)
 
     def _by_planes(self, occluder_mm: FloatArray) -> Manifold:
         """The same solid as a box cut by the planes that support P + cone(P - F).
@@ -89,6 +111,33 @@ class Caster:
         ):
             solid = solid.trim_by_plane(tuple(normal), float(offset))
         return solid
+
+
+def _pushed(occluder: FloatArray, away: FloatArray, push: float) -> FloatArray:
+    """The occluder's vertices (k, 3) and their copies pushed along away (k, n, 3)."""
+    far = occluder[:, None] + push * away
+    return np.concatenate([occluder, far.reshape(-1, 3)])
+
+
+def careful_hull(points_mm: FloatArray) -> Manifold:
+    """Hull that keeps double precision even where points lie far apart.
+
+    Flat input has no hull; the answer is then empty.
+    """
+    try:
+        hull = ConvexHull(points_mm)
+    except QhullError:
+        return Manifold()
+    faces = hull.simplices.astype(np.int64)
+    a, b, c = np.moveaxis(points_mm[faces], 1, 0)
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    faces[inward] = faces[inward][:, [0, 2, 1]]
+    used, index = np.unique(faces, return_inverse=True)
+    triangles = index.reshape(-1, 3).astype(np.uint64)
+    solid = Manifold(Mesh64(np.ascontiguousarray(points_mm[used]), triangles))
+    if solid.status() != Error.NoError:
+        raise ArithmeticError(f"the hull of {len(points_mm)} points is not closed")
+    return solid
 
 
 def separation_mm(points_mm: FloatArray, feature_mm: FloatArray) -> float:
