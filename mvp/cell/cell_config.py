@@ -79,6 +79,7 @@ class OpticsConfig(FileModel):
 
     blur_circle_um: Positive
     extension_tubes_mm: list[Positive] = Field(default_factory=list)
+    mounted_tube_mm: NotNegative = 0.0
     wavelength_nm: Positive = 550.0
 
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from mvp.cell.calibrations import Calibrations, load_calibrations
 from mvp.cell.cell_config import CellConfig
@@ -12,9 +15,13 @@ from mvp.cell.places import find_cell, find_task, home_of, inside, sha256_of
 from mvp.cell.task_config import TaskConfig
 from mvp.cell.toml_file import TomlFile, read_toml, validated
 from mvp.errors import ConfigError
+from mvp.kinematics import arm_model
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from mvp.geometry import FloatArray
+    from mvp.kinematics import ArmModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +44,52 @@ class LoadedCell:
     def folder(self) -> Path:
         """Where relative paths start."""
         return self.source.path.parent
+
+    @cached_property
+    def arm(self) -> ArmModel:
+        """The kinematic model.
+
+        Raises:
+            ConfigError: unknown, with file and line.
+        """
+        name = self.config.kinematics.model
+        try:
+            return arm_model(name)
+        except ConfigError as error:
+            raise self.source.error(
+                ("kinematics", "model"), error.message, error.hint
+            ) from error
+
+    @cached_property
+    def home_joints(self) -> FloatArray:
+        """(dof,) rad or mm.
+
+        Raises:
+            ConfigError: as many values as axes are needed, inside their limits.
+        """
+        given = self.config.kinematics.home_joints_deg
+        arm = self.arm
+        where = ("kinematics", "home_joints_deg")
+        if len(given) != arm.dof:
+            raise self.source.error(
+                where, f"{arm.name} needs {arm.dof} values, not {len(given)}"
+            )
+        scale = [np.pi / 180 if unit == "rad" else 1.0 for unit in arm.joint_units]
+        home = np.array(given, dtype=np.float64) * scale
+        outside = (home < arm.joint_low) | (home > arm.joint_high)
+        if outside.any():
+            axis = arm.joint_names[int(np.argmax(outside))]
+            raise self.source.error(where, f"{axis} is outside its limits")
+        return home
+
+    @cached_property
+    def joint_margin(self) -> FloatArray:
+        """(dof,) slack asked of every limit, rad; 1 mm per deg for sliding axes."""
+        margin_deg = self.config.kinematics.joint_margin_deg
+        units = self.arm.joint_units
+        return np.array(
+            [np.radians(margin_deg) if u == "rad" else margin_deg for u in units]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +128,9 @@ def load_cell(cell: str, *, accept_calibration: str = "") -> LoadedCell:
         accept_reason=accept_calibration,
     )
     sha256 = sha256_of(source.path, *files.values())
-    return LoadedCell(config, source, calibrations, files, sha256)
+    cell = LoadedCell(config, source, calibrations, files, sha256)
+    _ = cell.home_joints  # a wrong arm model or home is an error of the file
+    return cell
 
 
 def read_cell(cell: str) -> tuple[TomlFile, CellConfig]:

@@ -1,0 +1,239 @@
+"""Build the devices of a cell from their configuration, open and check them."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar, cast
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from mvp.cell.engine import CellDevices
+from mvp.cell.toml_file import config_error
+from mvp.devices import (
+    Arm,
+    Camera,
+    Clock,
+    DeviceContext,
+    DeviceInfo,
+    Lens,
+    RealClock,
+    ScaledClock,
+    WorldBelief,
+    load_driver,
+    load_world,
+)
+from mvp.errors import CalibrationError, ConnectError, DeviceError, PluginError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mvp.cell.loading import LoadedCell
+    from mvp.devices import Device, Role
+    from mvp.geometry import TriangleMesh
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+@dataclass(frozen=True, eq=False)
+class WorldBodies:
+    """What a simulated world is filled with: part (part frame), fixtures (base)."""
+
+    part: TriangleMesh
+    fixtures: tuple[TriangleMesh, ...]
+
+
+def build_devices(cell: LoadedCell, bodies: WorldBodies | None) -> CellDevices:
+    """Every device of a cell, not yet opened; no I/O.
+
+    Args:
+        cell: the configuration.
+        bodies: needed when the cell has a world.
+
+    Raises:
+        ConfigError: a key that the driver refuses, with file and line.
+        PluginError: a driver that is unknown or does not load (file and line).
+    """
+    clock = _clock(cell)
+    context = DeviceContext(
+        clock=clock,
+        rng=np.random.default_rng(0),
+        folder=cell.folder,
+        world=_world(cell, bodies, clock),
+    )
+    return CellDevices(
+        cast("Arm", _device(cell, "arm", context)),
+        cast("Lens", _device(cell, "lens", context)),
+        cast("Camera", _device(cell, "camera", context)),
+        clock,
+    )
+
+
+def check_driver_configs(cell: LoadedCell) -> None:
+    """Let every driver check its own keys, without building anything.
+
+    Raises:
+        ConfigError, PluginError: as for ``build_devices``.
+    """
+    for role in ("arm", "lens", "camera"):
+        _driver_config(cell, cast("Role", role))
+    if cell.config.world is not None:
+        _world_config(cell)
+
+
+def _clock(cell: LoadedCell) -> Clock:
+    world = cell.config.world
+    if world is None or world.clock_speed == 1.0:
+        return RealClock()
+    return ScaledClock(world.clock_speed)
+
+
+def _device(cell: LoadedCell, role: Role, context: DeviceContext) -> Device:
+    driver = load_driver(getattr(cell.config, role).driver, role)
+    return driver.from_config(_driver_config(cell, role), context, name=role)
+
+
+def _driver_config(cell: LoadedCell, role: Role) -> BaseModel:
+    reference = getattr(cell.config, role)
+    try:
+        driver = load_driver(reference.driver, role)
+    except PluginError as error:
+        where = cell.source.where((role, "driver"))
+        raise PluginError(
+            f"{where}: {role}.driver: {error.message}", hint=error.hint, where=where
+        ) from error
+    return _options(cell, role, reference.options, driver.Config)
+
+
+def _options(
+    cell: LoadedCell, table: str, options: dict[str, object], model: type[_Model]
+) -> _Model:
+    try:
+        return model.model_validate(options)
+    except ValidationError as error:
+        raise config_error(cell.source, model, error, (table,)) from error
+
+
+def _world_config(cell: LoadedCell) -> BaseModel:
+    world = cell.config.world
+    if world is None:
+        raise ValueError("this cell has no world")
+    try:
+        kind = load_world(world.kind)
+    except PluginError as error:
+        where = cell.source.where(("world", "kind"))
+        raise PluginError(
+            f"{where}: world.kind: {error.message}", hint=error.hint, where=where
+        ) from error
+    return _options(cell, "world", world.options, kind.Config)
+
+
+def _world(cell: LoadedCell, bodies: WorldBodies | None, clock: Clock) -> object | None:
+    world = cell.config.world
+    if world is None:
+        return None
+    if bodies is None:
+        raise ValueError("a cell with a world needs the bodies to put into it")
+    config = _world_config(cell)
+    belief = _belief(cell, bodies)
+    return load_world(world.kind).from_config(config, belief, clock=clock)  # type: ignore[arg-type]
+
+
+def _belief(cell: LoadedCell, bodies: WorldBodies) -> WorldBelief:
+    found = cell.calibrations
+    reference = found.hand_eye.reference_d_mm
+    return WorldBelief(
+        part=bodies.part,
+        fixtures=bodies.fixtures,
+        arm_model=cell.config.kinematics.model,
+        start_joints=tuple(float(j) for j in cell.home_joints),
+        camera=found.camera,
+        lens_table=found.lens_table,
+        tool_from_camera=found.tool_from_camera,
+        reference_d_mm=reference if reference is not None else 0.0,
+        base_from_part=found.base_from_part,
+    )
+
+
+@contextmanager
+def opened(devices: CellDevices) -> Iterator[dict[str, DeviceInfo]]:
+    """Open all devices at once and close them in any case; yields who answered.
+
+    Raises:
+        ConnectError: somebody does not answer; every dead device is named.
+    """
+    everyone = {
+        "arm": devices.arm,
+        "lens": devices.lens,
+        "camera": devices.camera,
+    }
+    try:
+        failures = try_open(everyone)
+        if failures:
+            raise _connect_error(failures)
+        yield {role: device.info() for role, device in everyone.items()}
+    finally:
+        _close_all(list(everyone.values()))
+
+
+def try_open(devices: dict[str, Arm | Lens | Camera]) -> dict[str, Exception]:
+    """Open all devices in parallel; failures by role, nothing raised."""
+
+    def attempt(device: Device) -> Exception | None:
+        try:
+            device.open()
+        except Exception as error:
+            return error
+        return None
+
+    with ThreadPoolExecutor(len(devices)) as pool:
+        results = dict(zip(devices, pool.map(attempt, devices.values()), strict=True))
+    return {role: error for role, error in results.items() if error is not None}
+
+
+def _close_all(devices: list[Arm | Lens | Camera]) -> None:
+    failures = []
+    for device in devices:
+        try:
+            device.close()
+        except Exception as error:
+            failures.append(error)
+    if failures:
+        raise failures[0]
+
+
+def _connect_error(failures: dict[str, Exception]) -> DeviceError:
+    texts = [str(error) for error in failures.values()]
+    hints = [
+        error.hint for error in failures.values() if isinstance(error, DeviceError)
+    ]
+    return ConnectError(
+        "; ".join(texts),
+        device=", ".join(failures),
+        hint=" ".join(dict.fromkeys(h for h in hints if h))
+        or "`mvp-cell check CELL` shows every device",
+    )
+
+
+def check_serials(cell: LoadedCell, infos: dict[str, DeviceInfo]) -> None:
+    """Refuse a camera or lens calibration that belongs to another device.
+
+    Raises:
+        CalibrationError: the serial numbers differ.
+    """
+    found = cell.calibrations
+    for role, name, expected in (
+        ("camera", "camera", found.camera.provenance.device_serial),
+        ("lens", "lens_table", found.lens_table.provenance.device_serial),
+    ):
+        serial = infos[role].serial
+        if expected and serial and serial != expected and name not in found.accepted:
+            raise CalibrationError(
+                f"the {name} calibration was made with {role} {expected}, "
+                f"but {role} {serial} is connected",
+                hint="connect that device, calibrate this one, or take the "
+                "responsibility with --accept-calibration REASON",
+                where=role,
+            )

@@ -1,0 +1,175 @@
+"""From realised views to the plan as data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mvp.planning.plan import LensSteps, Margin, NotCovered, PlannedView, Tolerance
+from mvp.planning.rows import RowTable
+from mvp.planning.sensitivity import sensitivity
+from mvp.planning.solve import margins
+from mvp.planning.tolerance import certify
+from mvp.planning.tube import tube_needed
+
+if TYPE_CHECKING:
+    from mvp.cell.plan_problem import ProblemFactory
+    from mvp.cell.plan_views import Failed
+    from mvp.cell.realise_view import RealisedView
+    from mvp.planning import KindMargin
+    from mvp.planning.tolerance import Certificate
+
+_THIN_SIGMA = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class ViewWriter:
+    """Writes views of one task."""
+
+    factory: ProblemFactory
+
+    def planned(self, number: int, realised: RealisedView) -> PlannedView:
+        """One view: what will be commanded, and how safe that is."""
+        view, problem = realised.view, realised.problem
+        table = RowTable.of(problem)
+        found = margins(problem, table, view, table.index(view)[0])
+        written = {kind: _margin(m) for kind, m in found.items()}
+        written |= self._arm_margins(realised)
+        pose = realised.arm.part_from_camera
+        exposure = self.factory.task.config.exposure
+        return PlannedView(
+            id=f"v{number}",
+            features=[f.id for f in realised.features],
+            part_from_camera=pose.matrix.tolist(),
+            base_from_tool=realised.arm.base_from_tool.matrix.tolist(),
+            position_mm=_triple(pose.translation_mm),
+            view_direction=_triple(pose.rotation[:, 2]),
+            roll_rad=realised.arm.roll_rad,
+            f_mm=realised.setting.f_mm,
+            d_mm=realised.setting.d_mm,
+            a_mm=realised.setting.a_mm,
+            pupil_offset_mm=realised.setting.e_mm,
+            lens_steps=LensSteps(
+                zoom=realised.steps.zoom,
+                focus=realised.steps.focus,
+                iris=realised.steps.iris,
+            ),
+            joints_rad=[float(j) for j in realised.arm.joints],
+            exposure_s=exposure.exposure_s or 0.0,
+            margins=written,
+            binding=_binding(written),
+            tolerance=_tolerance(certify(problem, view)),
+            failure_probability=realised.solution.failure_probability,
+            sensitivity=sensitivity(problem, view),
+            extension_tube_mm=realised.tube_mm or None,
+            notes=self._notes(realised, written),
+        )
+
+    def _arm_margins(self, realised: RealisedView) -> dict[str, Margin]:
+        reach, nearest = realised.arm.reach, realised.arm.nearest
+        asked_mm = self.factory.cell.config.kinematics.clearance_mm
+        asked_deg = self.factory.cell.config.kinematics.joint_margin_deg
+        return {
+            "reach": Margin(
+                value=reach.value - asked_deg,
+                unit=reach.unit,
+                normalised=None,
+                row=reach.label,
+            ),
+            "clearance": Margin(
+                value=nearest.distance_mm - asked_mm,
+                unit="mm",
+                normalised=None,
+                row=f"{nearest.body} against {nearest.other}",
+            ),
+        }
+
+    def _notes(self, realised: RealisedView, written: dict[str, Margin]) -> list[str]:
+        notes = list(realised.solution.notes)
+        optics = self.factory.cell.config.optics
+        advice = tube_needed(
+            self.factory.table.with_tube(0.0),
+            d_mm=realised.setting.d_mm,
+            f_mm=realised.setting.f_mm,
+            tubes_mm=optics.extension_tubes_mm,
+        )
+        if advice.text:
+            notes.append(advice.text)
+        if realised.tube_mm != optics.mounted_tube_mm:
+            notes.append(
+                f"mount the {realised.tube_mm:g} mm extension tube and set "
+                f"optics.mounted_tube_mm = {realised.tube_mm:g} before the run"
+            )
+        weakest = written[_binding(written)].normalised
+        if weakest is not None and weakest < _THIN_SIGMA:
+            notes.append(
+                f"admissible, but only {weakest:.1f} standard deviations from failing"
+            )
+        if realised.path.via:
+            notes.append(f"the arm goes round by way of {realised.path.via}")
+        region_exact = all(self.factory.region(f).exact for f in realised.features)
+        if not region_exact:
+            notes.append(
+                "the visibility region was simplified on the safe side; the view "
+                "itself was checked exactly"
+            )
+        return notes
+
+
+def not_covered(failed: Failed) -> list[NotCovered]:
+    """Every feature of a failed group with its reason and what would help."""
+    nearest: dict[str, float | str | list[float]] = {}
+    if failed.nearest is not None:
+        view = failed.nearest.view
+        nearest = {
+            "position_mm": [float(v) for v in view.position_mm[0]],
+            "view_direction": [float(v) for v in view.direction[0]],
+            "d_mm": float(view.d_mm[0]),
+            "smallest_index": float(failed.nearest.t),
+        }
+    return [
+        NotCovered(feature=f.id, reason=failed.reason, nearest=nearest, fix=failed.fix)
+        for f in failed.features
+    ]
+
+
+def _margin(found: KindMargin) -> Margin:
+    return Margin(
+        value=None if found.unbounded else found.value,
+        unit=found.unit,
+        normalised=found.index,
+        unbounded=found.unbounded,
+        row=found.row,
+    )
+
+
+def _binding(written: dict[str, Margin]) -> str:
+    """The requirement with the smallest normalised margin; hard bounds have none."""
+    indexed = {
+        kind: m.normalised
+        for kind, m in written.items()
+        if m.normalised is not None and kind != "lens_range"
+    }
+    return min(indexed, key=lambda kind: indexed[kind])
+
+
+def _tolerance(found: Certificate) -> Tolerance:
+    return Tolerance(
+        position_mm=found.position_mm,
+        angle_deg=float(np.degrees(found.angle_rad)),
+        d_mm=found.d_mm,
+        method=found.method,
+        scale=found.scale,
+        position_alone_mm=found.position_alone_mm,
+        angle_alone_deg=float(np.degrees(found.angle_alone_rad)),
+        d_alone_mm=found.d_alone_mm,
+        f_mm=found.f_mm,
+        a_mm=found.a_mm,
+    )
+
+
+def _triple(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in values)
+    return x, y, z

@@ -1,0 +1,154 @@
+"""The plan job: from a cell and a task to a plan, with everything a run needs of it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from mvp.cell.arm_setup import ArmSetup
+from mvp.cell.plan_document import ViewWriter, not_covered
+from mvp.cell.plan_problem import ProblemFactory
+from mvp.cell.plan_views import Found, ViewFinder
+from mvp.cell.task_scene import TaskScene, build_scene
+from mvp.planning.plan import CellStamp, FileStamp, Plan, Timing
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Literal
+
+    from mvp.cell.loading import LoadedCell, LoadedTask
+    from mvp.cell.plan_views import Tell
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """A plan and what it was made from.
+
+    Attributes:
+        found: the views with their problems and paths; None for a plan read from disk.
+    """
+
+    cell: LoadedCell
+    task: LoadedTask
+    scene: TaskScene
+    arm: ArmSetup
+    factory: ProblemFactory
+    plan: Plan
+    found: Found | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """Everything planning needs, loaded and checked but not yet searched."""
+
+    cell: LoadedCell
+    task: LoadedTask
+    scene: TaskScene
+    arm: ArmSetup
+    factory: ProblemFactory
+
+
+def prepare(cell: LoadedCell, task: LoadedTask) -> Setting:
+    """Load geometry and set up the problem; no search.
+
+    Raises:
+        GeometryError, FeatureError: the part or a feature cannot be used.
+    """
+    scene = build_scene(cell, task)
+    free_roll = (
+        task.config.planning.field_of_view == "circle"
+        and task.config.planning.roll_deg is None
+    )
+    arm = ArmSetup(cell, scene, free_roll)
+    return Setting(
+        cell, task, scene, arm, ProblemFactory(cell, task, scene, arm.reachable)
+    )
+
+
+@dataclass
+class _Stopwatch:
+    """Seconds by stage."""
+
+    clock: Callable[[], float] = time.perf_counter
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._begin = self._last = self.clock()
+
+    def lap(self, stage: str) -> None:
+        now = self.clock()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
+        self._last = now
+
+    def timing(self) -> Timing:
+        return Timing(**self.seconds, total=self.clock() - self._begin)
+
+
+def make_plan(
+    cell: LoadedCell, task: LoadedTask, *, seed: int = 0, tell: Tell | None = None
+) -> Planned:
+    """Plan a task.
+
+    An inadmissible task gives a plan whose status says so; it is not an error here.
+
+    Args:
+        cell: where it is done.
+        task: what must be seen.
+        seed: of the search; the same seed gives the same plan.
+        tell: hears about the stages.
+
+    Raises:
+        GeometryError, FeatureError: the part or a feature cannot be used.
+    """
+    say = tell or (lambda text: None)
+    watch = _Stopwatch()
+    say(f"loading {task.part_file.name}")
+    setting = prepare(cell, task)
+    watch.lap("load")
+    features = setting.scene.scene.features
+    for feature in features:
+        say(f"visibility of {feature.id}")
+        setting.factory.region(feature)
+    watch.lap("visibility")
+    finder = ViewFinder(setting.factory, setting.arm, seed, say)
+    found = finder.find(features, task.config.planning.max_views)
+    found = finder.explained(found)
+    writer = ViewWriter(setting.factory)
+    views = [writer.planned(i, view) for i, view in enumerate(found.views, 1)]
+    watch.lap("optimise")
+    plan = Plan(
+        status=_status(found),
+        seed=seed,
+        part=FileStamp(file=str(task.part_file), sha256=setting.scene.part.sha256),
+        task=FileStamp(file=str(task.source.path), sha256=task.sha256),
+        cell=CellStamp(
+            name=cell.config.name, sha256=cell.sha256, simulated=cell.config.simulated
+        ),
+        views=views,
+        not_covered=[entry for failed in found.failed for entry in not_covered(failed)],
+        notes=_notes(setting, found),
+        timing_s=watch.timing(),
+    )
+    return Planned(cell, task, setting.scene, setting.arm, setting.factory, plan, found)
+
+
+def _status(found: Found) -> Literal["admissible", "partial", "infeasible"]:
+    if not found.views:
+        return "infeasible"
+    return "partial" if found.failed else "admissible"
+
+
+def _notes(setting: Setting, found: Found) -> list[str]:
+    notes = [*setting.scene.part.lines()]
+    if found.together is not None and len(found.views) > 1:
+        notes.append(
+            f"{len(found.views)} views, because one cannot see everything: "
+            f"{found.together.reason}"
+        )
+    accepted = setting.cell.calibrations.accepted
+    notes += [
+        f"{name} calibration accepted against its verdict: {reason}"
+        for name, reason in accepted.items()
+    ]
+    return notes

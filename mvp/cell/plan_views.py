@@ -1,0 +1,281 @@
+"""Find views for a task: all features in one if possible, otherwise in several.
+
+Features are split greedily: a view starts with the first feature that is left and takes
+in every other one that can be added while the view stays admissible and reachable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import TYPE_CHECKING, TypeAlias
+
+from mvp.cell.realise_view import RealisedView, realise
+from mvp.planning import Attempt, attempt
+from mvp.planning.explain import explain
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mvp.cell.arm_setup import ArmSetup
+    from mvp.cell.plan_problem import ProblemFactory
+    from mvp.planning import PlanningProblem, Solution
+    from mvp.scene import Feature
+    from mvp.visibility import Region
+
+Tell: TypeAlias = Callable[[str], None]
+
+_SOLUTIONS_TRIED = 12
+# A group that is only a trial in a split is searched with less effort.
+_TRIAL_STARTS = 8
+_TRIAL_CANDIDATES = 8_000
+_FIXES = {
+    "reach": "move the part, give the arm more room or a larger workspace, or leave "
+    "out what stands in its way",
+    "visibility": "ask for a feature that can be seen, move the fixture that hides it, "
+    "or give a larger workspace",
+    "lens_range": "widen f_mm, d_mm or a_mm in the task, or mount another lens or tube",
+    "max_views": "raise planning.max_views in the task",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Failed:
+    """Why a group of features has no view.
+
+    Attributes:
+        reason: in the user's words.
+        problem: the optical problem, None when the region or the lens leaves nothing.
+        attempt: what the search found.
+        kind: what stood in the way.
+        fix: what would change it.
+    """
+
+    features: tuple[Feature, ...]
+    reason: str
+    kind: str
+    problem: PlanningProblem | None = None
+    attempt: Attempt | None = None
+    fix: str = ""
+
+    @property
+    def nearest(self) -> Solution | None:
+        """The best compromise found."""
+        if self.attempt is None or not self.attempt.solutions:
+            return None
+        return self.attempt.solutions[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Views and what stayed without."""
+
+    views: tuple[RealisedView, ...]
+    failed: tuple[Failed, ...]
+    together: Failed | None
+
+
+@dataclass(frozen=True, eq=False)
+class ViewFinder:
+    """Searches views for groups of features."""
+
+    factory: ProblemFactory
+    arm: ArmSetup
+    seed: int
+    tell: Tell
+
+    def find(self, features: Sequence[Feature], max_views: int) -> Found:
+        """All features in one view, or as few views as the greedy split finds."""
+        whole = self.group(features)
+        if isinstance(whole, RealisedView):
+            return Found((whole,), (), None)
+        if len(features) == 1:
+            return Found((), (whole,), None)
+        views, failed = self._split(list(features), max_views)
+        return Found(tuple(views), tuple(failed), whole)
+
+    def _split(
+        self, left: list[Feature], max_views: int
+    ) -> tuple[list[RealisedView], list[Failed]]:
+        views: list[RealisedView] = []
+        failed: list[Failed] = []
+        while left:
+            first = left.pop(0)
+            if len(views) == max_views:
+                failed.append(
+                    Failed(
+                        (first,),
+                        f"the task allows only {max_views} views",
+                        "max_views",
+                    )
+                )
+                continue
+            self.tell(f"view {len(views) + 1}: {first.id}")
+            view = self.group([first])
+            if isinstance(view, Failed):
+                failed.append(view)
+                continue
+            view = self._grown(view, left)
+            taken = {f.id for f in view.features}
+            left = [f for f in left if f.id not in taken]
+            views.append(view)
+        return views, failed
+
+    def _grown(self, view: RealisedView, left: Sequence[Feature]) -> RealisedView:
+        """The view with every further feature that it can take in."""
+        trial_only = view
+        for feature in left:
+            wider = self.group([*trial_only.features, feature], trial=True)
+            if isinstance(wider, RealisedView):
+                trial_only = wider
+        if trial_only is view:
+            return view
+        thorough = self.group(trial_only.features)
+        return thorough if isinstance(thorough, RealisedView) else trial_only
+
+    def group(
+        self, features: Sequence[Feature], *, trial: bool = False
+    ) -> RealisedView | Failed:
+        """One view for all of some features, or why there is none."""
+        self.tell(f"visibility of {_names(features)}")
+        region = self.factory.common_region(features)
+        if region.empty:
+            return Failed(tuple(features), _unseen(features, region), "visibility")
+        failure: Failed | None = None
+        for tube_mm in self.factory.tubes_mm():
+            outcome = self._with_tube(features, region, tube_mm, trial=trial)
+            if isinstance(outcome, RealisedView):
+                return outcome
+            if failure is None or (failure.problem is None and outcome.problem):
+                failure = outcome
+        if failure is None:
+            raise ValueError("there is always at least the mounted tube")
+        return failure
+
+    def _with_tube(
+        self,
+        features: Sequence[Feature],
+        region: Region,
+        tube_mm: float,
+        *,
+        trial: bool,
+    ) -> RealisedView | Failed:
+        lens = self.factory.lens_bounds(tube_mm)
+        if lens is None:
+            return Failed(
+                tuple(features),
+                "the task's ranges of f, d and a leave nothing that the lens can do"
+                + (f" on the {tube_mm:g} mm tube" if tube_mm else ""),
+                "lens_range",
+            )
+        problem = self.factory.problem(features, region, lens, tube_mm)
+        if trial:
+            problem = replace(
+                problem, starts=_TRIAL_STARTS, candidates=_TRIAL_CANDIDATES
+            )
+        self.tell(f"search for {_names(features)}")
+        found = attempt(problem, seed=self.seed)
+        admissible = [s for s in found.solutions if s.status == "admissible"]
+        if not admissible:
+            return _inadmissible(features, problem, found)
+        outcome = self._realised(features, problem, admissible, tube_mm)
+        return (
+            outcome
+            if isinstance(outcome, RealisedView)
+            else replace(outcome, attempt=found)
+        )
+
+    def _realised(
+        self,
+        features: Sequence[Feature],
+        problem: PlanningProblem,
+        admissible: Sequence[Solution],
+        tube_mm: float,
+    ) -> RealisedView | Failed:
+        reasons: list[str] = []
+        for solution in islice(admissible, _SOLUTIONS_TRIED):
+            view = realise(self.factory, self.arm, features, problem, solution, tube_mm)
+            if isinstance(view, RealisedView):
+                return view
+            reasons.append(view.reason)
+        text = "; ".join(dict.fromkeys(reasons))
+        return Failed(
+            tuple(features),
+            f"the arm cannot take any of the {len(reasons)} views that optics allow: "
+            f"{text}",
+            "reach",
+            problem,
+            fix=_FIXES["reach"],
+        )
+
+    def explained(self, found: Found) -> Found:
+        """The same, with what would help the features that stayed without a view."""
+        return replace(found, failed=tuple(self._explained(f) for f in found.failed))
+
+    def _explained(self, failed: Failed) -> Failed:
+        """Ask the planner why, unless the reason lies outside of it."""
+        nearest = failed.nearest
+        if failed.problem is None or failed.attempt is None or nearest is None:
+            return replace(failed, fix=failed.fix or _FIXES[failed.kind])
+        if nearest.status == "admissible":
+            return replace(failed, fix=failed.fix or _FIXES["reach"])
+        self.tell(f"why there is no view of {_names(failed.features)}")
+        answer = explain(
+            failed.problem, failed.attempt, seed=self.seed, name_face=self._face_name
+        )
+        blocked = (
+            f"; in the way: {', '.join(answer.blockers)}" if answer.blockers else ""
+        )
+        return replace(
+            failed,
+            reason=f"{failed.reason}: {answer.reason}{blocked} ({answer.searched})",
+            fix=answer.fix,
+        )
+
+    def _face_name(self, face: int) -> str:
+        """A face of the occluding scene by body and number."""
+        for mesh in (
+            self.factory.scene.scene.part,
+            *self.factory.scene.scene.fixtures,
+        ):
+            count = int(mesh.face_ids.max(initial=-1)) + 1
+            if face < count:
+                return f"face {face + 1} of {mesh.name}"
+            face -= count
+        return f"face {face + 1}"
+
+
+def _inadmissible(
+    features: Sequence[Feature], problem: PlanningProblem, found: Attempt
+) -> Failed:
+    solutions = found.solutions
+    if not solutions:
+        return Failed(
+            tuple(features),
+            "no viewpoint that sees everything lies inside the workspace and the "
+            "arm's reach",
+            "reach",
+            problem,
+            found,
+        )
+    best = solutions[0]
+    worst = min(best.margins.items(), key=lambda item: item[1].index)
+    return Failed(
+        tuple(features),
+        f"the best view found misses {worst[0].replace('_', ' ')} by "
+        f"{abs(worst[1].value):.3g} {worst[1].unit} ({worst[1].row})",
+        worst[0],
+        problem,
+        found,
+    )
+
+
+def _unseen(features: Sequence[Feature], region: Region) -> str:
+    many = "these features are" if len(features) > 1 else "it is"
+    return f"there is no place from which {many} seen whole: {region.binding}"
+
+
+def _names(features: Sequence[Feature]) -> str:
+    names = ", ".join(f.id for f in features[:3])
+    return names if len(features) <= 3 else f"{names} and {len(features) - 3} more"

@@ -1,0 +1,142 @@
+"""From a solution of the planner to what arm and lens will be told, checked again.
+
+Motor steps are rounded first; every margin of the plan is that of the rounded steps at
+the pose the arm takes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mvp.kinematics import JointPath, NoPath, Unreachable, find_path, realisations
+from mvp.optics import single_view
+from mvp.planning.recheck import recheck
+from mvp.visibility import exactly_visible
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mvp.cell.arm_setup import ArmSetup
+    from mvp.cell.plan_problem import ProblemFactory
+    from mvp.kinematics import Realisation
+    from mvp.optics import LensTable, Views
+    from mvp.optics.lens_table import LensSetting, LensSteps
+    from mvp.planning import PlanningProblem, Solution
+    from mvp.scene import Feature
+
+_REALISATIONS_TRIED = 4
+
+
+@dataclass(frozen=True, eq=False)
+class RealisedView:
+    """A view as it will be commanded.
+
+    Attributes:
+        view: pose and rounded lens setting, N = 1, part frame.
+        setting: what the lens gives at the rounded steps.
+        path: from home, as checked at planning time.
+    """
+
+    features: tuple[Feature, ...]
+    problem: PlanningProblem
+    solution: Solution
+    view: Views
+    steps: LensSteps
+    setting: LensSetting
+    tube_mm: float
+    arm: Realisation
+    path: JointPath
+
+
+@dataclass(frozen=True)
+class NotRealised:
+    """Why a view that optics allow cannot be taken."""
+
+    reason: str
+
+
+def realise(
+    factory: ProblemFactory,
+    arm: ArmSetup,
+    features: Sequence[Feature],
+    problem: PlanningProblem,
+    solution: Solution,
+    tube_mm: float,
+) -> RealisedView | NotRealised:
+    """Round the lens, choose roll and branch, check everything again, find a path.
+
+    The first configuration that passes is taken; they come best first.
+    """
+    rounded = _rounded(factory.table.with_tube(tube_mm), solution.view)
+    if rounded is None:
+        return NotRealised("the lens motors do not reach the planned setting")
+    steps, setting = rounded
+    placement = arm.placement(setting.d_mm, problem.key_points_mm)
+    choices = realisations(
+        placement, solution.view.part_from_camera(), free_roll=arm.free_roll
+    )
+    if isinstance(choices, Unreachable):
+        return NotRealised(choices.reason)
+    reason = ""
+    for choice in islice(choices, _REALISATIONS_TRIED):
+        view = single_view(
+            choice.part_from_camera,
+            d_mm=setting.d_mm,
+            f_mm=setting.f_mm,
+            a_mm=setting.a_mm,
+            e_mm=setting.e_mm,
+        )
+        reason = _recheck(factory, features, problem, view)
+        path = _path(arm, choice) if not reason else NoPath(())
+        if isinstance(path, JointPath):
+            return RealisedView(
+                tuple(features),
+                problem,
+                solution,
+                view,
+                steps,
+                setting,
+                tube_mm,
+                choice,
+                path,
+            )
+        reason = reason or path.reason
+    return NotRealised(reason)
+
+
+def _rounded(table: LensTable, view: Views) -> tuple[LensSteps, LensSetting] | None:
+    f, d, a = (float(v[0]) for v in (view.f_mm, view.d_mm, view.a_mm))
+    if not table.reaches(f, d, a):
+        return None
+    steps = table.steps(f, d, a)
+    return steps, table.at(steps)
+
+
+def _recheck(
+    factory: ProblemFactory,
+    features: Sequence[Feature],
+    problem: PlanningProblem,
+    view: Views,
+) -> str:
+    """Why the rounded view is not admissible after all; empty when it is."""
+    pieces = [piece for f in features for piece in f.sight_pieces()]
+    again = recheck(
+        problem,
+        view,
+        oracle=lambda points: exactly_visible(factory.occluders, pieces, points),
+    )
+    if again.holds:
+        return ""
+    failed = [name for name, value in again.values.items() if value < 0]
+    return f"at the rounded motor steps {', '.join(failed)} no longer hold"
+
+
+def _path(arm: ArmSetup, choice: Realisation) -> JointPath | NoPath:
+    home = np.asarray(arm.cell.home_joints, np.float64)
+    return find_path(
+        arm.bodies, home, choice.joints, home=home, required_mm=arm.clearance_mm
+    )

@@ -1,0 +1,117 @@
+"""Plans and runs as tables for people."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mvp.cli.output import console
+
+if TYPE_CHECKING:
+    from mvp.cell.run_document import RunDocument, ViewDocument
+    from mvp.planning.plan import Margin, Plan, PlannedView
+
+_COLOURS = {
+    "admissible": "green",
+    "verified": "green",
+    "checked": "green",
+    "partial": "yellow",
+    "not measurable": "yellow",
+}
+
+
+def print_plan(plan: Plan) -> None:
+    """Views with margins, then what is not covered and why."""
+    from rich.table import Table
+
+    lines = console()
+    colour = _COLOURS.get(plan.status, "red")
+    lines.print(f"plan: [{colour}]{plan.status}[/] in {plan.timing_s.total:.1f} s")
+    for note in plan.notes:
+        lines.print(f"  {note}", markup=False)
+    for view in plan.views:
+        lines.print(_view_line(view), markup=False)
+        table = Table("requirement", "margin", "sigmas", "about", pad_edge=False)
+        for kind, margin in view.margins.items():
+            name = kind.replace("_", " ")
+            mark = " <- binding" if kind == view.binding else ""
+            table.add_row(name + mark, _value(margin), _sigmas(margin), margin.row)
+        lines.print(table)
+        for text in (_tolerance(view), *view.notes):
+            lines.print(f"  {text}", markup=False)
+    for missing in plan.not_covered:
+        lines.print(f"not covered: {missing.feature}", style="bold red", markup=False)
+        lines.print(f"  why: {missing.reason}", markup=False)
+        lines.print(f"  fix: {missing.fix}", markup=False)
+
+
+def print_run(document: RunDocument) -> None:
+    """Verdict first, then every view."""
+    from rich.table import Table
+
+    lines = console()
+    table = Table(
+        "view", "features", "verdict", "cause", "lengths, px (plan / picture)"
+    )
+    for view in document.views:
+        colour = _COLOURS.get(view.status, "red")
+        table.add_row(
+            view.id,
+            ", ".join(view.features),
+            f"[{colour}]{view.status}[/]",
+            _cause(view),
+            _lengths(view),
+        )
+    lines.print(table)
+    colour = _COLOURS.get(document.status, "red")
+    lines.print(
+        f"run {document.run_id or '(nothing kept)'}: [{colour}]{document.status}[/]"
+    )
+    if document.folder:
+        lines.print(f"kept in {document.folder}", markup=False)
+
+
+def _view_line(view: PlannedView) -> str:
+    x, y, z = view.position_mm
+    return (
+        f"{view.id}: {', '.join(view.features)}; pupil at ({x:.1f}, {y:.1f}, {z:.1f}) mm, "
+        f"f {view.f_mm:.3f}, d {view.d_mm:.3f}, a {view.a_mm:.3f} mm "
+        f"(zoom {view.lens_steps.zoom}, focus {view.lens_steps.focus}, "
+        f"iris {view.lens_steps.iris} steps)"
+    )
+
+
+def _tolerance(view: PlannedView) -> str:
+    t = view.tolerance
+    text = (
+        f"tolerance ({t.method}): {t.position_mm:.2f} mm, {t.angle_deg:.2f} deg and "
+        f"{t.d_mm * 1000:.0f} um of d, all at once"
+    )
+    if view.failure_probability is not None:
+        text += f"; fails with probability {view.failure_probability:.2g}"
+    return text
+
+
+def _value(margin: Margin) -> str:
+    if margin.value is None:
+        return "unbounded"
+    return f"{margin.value:.2f} {margin.unit}"
+
+
+def _sigmas(margin: Margin) -> str:
+    return "" if margin.normalised is None else f"{margin.normalised:.1f}"
+
+
+def _cause(view: ViewDocument) -> str:
+    return (view.verification.cause or "") if view.verification else ""
+
+
+def _lengths(view: ViewDocument) -> str:
+    if view.verification is None:
+        return ""
+    texts = []
+    for edge in view.verification.edges:
+        planned, measured = edge.get("predicted_px"), edge.get("measured_px")
+        if isinstance(planned, float):
+            shown = f"{measured:.2f}" if isinstance(measured, float) else "-"
+            texts.append(f"{edge.get('feature')}: {planned:.2f} / {shown}")
+    return "\n".join(texts)
