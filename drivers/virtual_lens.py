@@ -145,7 +145,9 @@ class VirtualLens:
             DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
         """
         self._require_open()
-        lowest = {axis: (float(low),) for axis, (low, _) in self.limits().items()}
+        lowest: dict[Axis, tuple[float, ...]] = {
+            axis: (float(low),) for axis, (low, _) in self.limits().items()
+        }
         self._homed = self._engaged = False
         self._drive(lowest, timeout_s)
         self._homed = True
@@ -153,9 +155,9 @@ class VirtualLens:
 
     def check_steps(self, *, zoom: int, focus: int, iris: int) -> None:
         """Raise ``LimitError`` when outside the limits. Never moves."""
-        limits = self.limits()
-        for axis, step in (("zoom", zoom), ("focus", focus), ("iris", iris)):
-            low, high = limits[axis]
+        asked: dict[Axis, int] = {"zoom": zoom, "focus": focus, "iris": iris}
+        for axis, (low, high) in self.limits().items():
+            step = asked[axis]
             if not low <= step <= high:
                 raise LimitError(
                     f"{axis} step {step} is outside {low} .. {high}",

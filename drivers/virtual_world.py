@@ -311,8 +311,8 @@ class VirtualWorld:
         shares = (np.arange(_SUBFRAMES) + 0.5) / _SUBFRAMES
         parts = [self._render(self.state(start_s + s * exposure_s)) for s in shares]
         middle = parts[_SUBFRAMES // 2]
-        grey = np.mean([p.grey for p in parts], axis=0, dtype=np.float32)
-        return RenderedImage(grey, middle.brightness, middle.view)
+        grey = np.stack([p.grey for p in parts]).mean(axis=0, dtype=np.float32)
+        return RenderedImage(np.asarray(grey), middle.brightness, middle.view)
 
     def _render(self, state: WorldState) -> RenderedImage:
         """One still picture; the last few are kept."""

@@ -123,7 +123,7 @@ class TriangleBlocks:
             self._distance(p[k : k + chunk], q[k : k + chunk], ceiling_mm)
             for k in range(0, len(p), chunk)
         ]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        return np.concatenate([np.zeros(0), *parts])
 
     def _distance(self, p: FloatArray, q: FloatArray, ceiling_mm: float) -> FloatArray:
         nearest = np.full(len(p), ceiling_mm)
