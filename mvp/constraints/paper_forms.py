@@ -208,35 +208,6 @@ def g4_rays(
     return np.asarray(np.where(on_boundary, 0.0, k * shortest))
 
 
-def ray_lengths(
-    points: ArrayLike, directions: ArrayLike, triangles: ArrayLike
-) -> FloatArray:
-    """Length along each ray to the first triangle, for eq. (14).
-
-    Args:
-        points: (n, 3) viewpoints.
-        directions: (r, 3) unit vectors.
-        triangles: (m, 3, 3) boundary of the region.
-
-    Returns:
-        (n, r) mm, inf where nothing is met.
-    """
-    points, directions, triangles = _f64(points), _f64(directions), _f64(triangles)
-    corner = triangles[:, 0]
-    edge_1, edge_2 = triangles[:, 1] - corner, triangles[:, 2] - corner
-    p = np.cross(directions[:, None], edge_2)
-    determinant = _dot(edge_1, p)
-    crossing = np.abs(determinant) > 1e-14
-    inverse = 1 / np.where(crossing, determinant, 1.0)
-    offset = points[:, None] - corner
-    u = np.einsum("nmk,rmk->nrm", offset, p) * inverse
-    q = np.cross(offset, edge_1)
-    v = np.einsum("nmk,rk->nrm", q, directions) * inverse
-    length = np.einsum("nmk,mk->nm", q, edge_2)[:, None] * inverse
-    hit = crossing & (u >= 0) & (v >= 0) & (u + v <= 1) & (length > 0)
-    return np.asarray(np.where(hit, length, np.inf).min(axis=-1, initial=np.inf))
-
-
 def g5(nu: ArrayLike) -> FloatArray:
     """Eq. (11), no unit: |nu|^2 - 1, zero for a unit viewing direction."""
     return np.asarray(_dot(_f64(nu), _f64(nu)) - 1)

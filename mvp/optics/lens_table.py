@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 AxisName: TypeAlias = Literal["zoom", "focus", "iris"]
 
-_BISECTIONS = 60
+_BISECTIONS = 50
 
 
 @dataclass(frozen=True)
@@ -121,15 +121,17 @@ class MotorAxis:
         target = np.asarray(values_mm, np.float64)
         inner = np.clip(target, *self.range_mm)
         rising, wanted = self.values_mm * self.sense, inner * self.sense
-        right = np.clip(np.searchsorted(rising, wanted), 1, len(rising) - 1)
-        low, high = self.steps[right - 1], self.steps[right]
+        piece = np.clip(np.searchsorted(rising, wanted), 1, len(rising) - 1) - 1
+        c_3, c_2, c_1, c_0 = self._curve.c[:, piece] * self.sense
+        start = self.steps[piece]
+        low, high = np.zeros_like(start), self.steps[piece + 1] - start
         for _ in range(_BISECTIONS):
-            middle = (low + high) / 2
-            short = self._curve(middle) * self.sense < wanted
-            low, high = np.where(short, middle, low), np.where(short, high, middle)
+            t = (low + high) / 2
+            short = ((c_3 * t + c_2) * t + c_1) * t + c_0 < wanted
+            low, high = np.where(short, t, low), np.where(short, high, t)
         beyond = target - inner
         slope = np.where(beyond * self.sense < 0, *self._end_slopes())
-        return np.asarray((low + high) / 2 + beyond / slope)
+        return np.asarray(start + (low + high) / 2 + beyond / slope)
 
     def nearest_step(self, value_mm: float) -> int:
         """The whole step inside the table whose value is nearest."""

@@ -49,7 +49,7 @@ def parts(view):
 
 
 @given(views(), reals(0.2, 30))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_resolution_rows_equal_the_papers_image_length(view, pixels):
     rows = Resolution.of_segments(EDGE, detail_mm=2.54, pixels=pixels, sensor=SENSOR)
     smooth = float(rows.report(view).value[0])
@@ -72,7 +72,7 @@ def test_resolution_rows_equal_the_papers_image_length(view, pixels):
 
 
 @given(views())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_pixels_along_the_image_are_never_fewer_than_by_the_worst_direction(view):
     worst, along = (
         Resolution.of_segments(EDGE, detail_mm=2.54, pixels=1, sensor=SENSOR, rule=rule)
@@ -84,7 +84,7 @@ def test_pixels_along_the_image_are_never_fewer_than_by_the_worst_direction(view
 
 
 @given(views())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_pixels_along_the_image_agree_with_the_required_length_in_that_direction(view):
     along = Resolution.of_segments(
         EDGE, detail_mm=100, pixels=40, sensor=SENSOR, rule="along"
@@ -102,7 +102,7 @@ def test_pixels_along_the_image_agree_with_the_required_length_in_that_direction
 
 
 @given(views(), reals(0.002, 0.1))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_focus_in_blur_form_and_in_depth_form_accept_the_same_views(view, c):
     r, nu, _ = parts(view)
     lens = (view.d_mm[0], view.f_mm[0], view.a_mm[0], c, view.e_mm[0])
@@ -120,7 +120,7 @@ def test_focus_in_blur_form_and_in_depth_form_accept_the_same_views(view, c):
 
 
 @given(views(), reals(1, 60))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_the_circular_field_of_view_accepts_the_same_views_in_all_forms(view, radius):
     circle = FieldOfViewCircle(np.array([3.0, -4, 5]), radius, 3.2)
     r, nu, f_cal = parts(view)
@@ -133,7 +133,7 @@ def test_the_circular_field_of_view_accepts_the_same_views_in_all_forms(view, ra
 
 
 @given(views())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_the_rectangle_accepts_exactly_what_projects_onto_the_sensor(view):
     extents = np.array([3.0, 4.0, 2.0, 3.5])
     rectangle = FieldOfViewRectangle(POINTS, extents)
@@ -150,28 +150,22 @@ def test_the_rectangle_accepts_exactly_what_projects_onto_the_sensor(view):
 @settings(max_examples=25, deadline=None)
 def test_rays_never_undercut_the_exact_distance_to_a_boundary(seed):
     rng = np.random.default_rng(seed)
-    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, 8).T * 100.0
-    quads = [
-        (0, 1, 3, 2),
-        (4, 5, 7, 6),
-        (0, 1, 5, 4),
-        (2, 3, 7, 6),
-        (0, 2, 6, 4),
-        (1, 3, 7, 5),
-    ]
-    triangles = np.array(
-        [corners[[q[0], q[i], q[i + 1]]] for q in quads for i in (1, 2)]
-    )
     points = rng.uniform(5, 95, (6, 3))
     directions = rng.normal(size=(64, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    lengths = paper_forms.ray_lengths(points, directions, triangles)
     exact = np.minimum(points, 100 - points).min(axis=1)
     inside = np.ones(6, bool)
-    approximate = paper_forms.g4_rays(lengths, inside)
+    approximate = paper_forms.g4_rays(out_of_cube(points, directions), inside)
     assert (approximate >= paper_forms.g4(exact, inside) - 1e-9).all()
-    axes = np.vstack([np.eye(3), -np.eye(3)])
-    straight = paper_forms.ray_lengths(points, axes, triangles)
+    straight = out_of_cube(points, np.vstack([np.eye(3), -np.eye(3)]))
     assert np.allclose(paper_forms.g4_rays(straight, inside), exact)
     assert (paper_forms.g4_rays(straight, inside, on_boundary=inside) == 0).all()
     assert (paper_forms.g4_rays(straight, ~inside) < 0).all()
+
+
+def out_of_cube(points, directions):
+    """Length of rays (n, r) from inside a cube of 100 mm to its walls."""
+    with np.errstate(divide="ignore"):
+        walls = np.where(directions > 0, 100.0, 0.0) - points[:, None]
+        lengths = np.where(directions == 0, np.inf, walls / directions)
+    return lengths.min(axis=2)

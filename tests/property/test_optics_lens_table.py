@@ -46,7 +46,7 @@ def tables_with_steps(draw):
 
 
 @given(tables_with_steps())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_a_setting_comes_back_to_its_own_steps(case):
     table, steps = case
     setting = table.at(steps)
@@ -58,7 +58,7 @@ def test_a_setting_comes_back_to_its_own_steps(case):
 
 
 @given(tables(), st.floats(0, 1), st.floats(0.02, 0.98), st.floats(0, 1))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_rounded_steps_give_the_nearest_value_of_every_axis(table, s, t, u):
     f = np.interp(s, [0, 1], table.f_range_mm)
     a = np.interp(u, [0, 1], table.a_range_mm)
@@ -79,7 +79,7 @@ def test_rounded_steps_give_the_nearest_value_of_every_axis(table, s, t, u):
 
 
 @given(axes("focus", 0.05, 1.3), st.floats(-0.3, 1.3))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_fractional_steps_invert_the_curve_also_beyond_its_ends(axis, share):
     low, high = axis.range_mm
     value = low + share * (high - low)
