@@ -11,6 +11,7 @@ from mvp.imaging.measure_exposure import meter_exposure
 from mvp.imaging.predict import expect_view
 from mvp.imaging.render import RenderedImage, RenderQuality, render
 from mvp.imaging.render_body import PlanarTexture, RenderBody, textured_plane
+from mvp.imaging.render_moving import LensState, render_moving
 from mvp.imaging.render_scene import RenderScene
 from mvp.imaging.sensor_noise import SensorNoise, expose, exposure_for
 from mvp.imaging.verify import verify_view
@@ -22,6 +23,7 @@ __all__ = [
     "HoleReport",
     "Illumination",
     "Lamp",
+    "LensState",
     "PlanarTexture",
     "RenderBody",
     "RenderQuality",
@@ -37,6 +39,7 @@ __all__ = [
     "exposure_for",
     "meter_exposure",
     "render",
+    "render_moving",
     "textured_plane",
     "verify_view",
 ]

@@ -7,13 +7,10 @@ the camera frame, so parallel faces at different depth have different greys.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 Float32Array: TypeAlias = NDArray[np.float32]
 
@@ -68,15 +65,15 @@ class Illumination:
 
     def radiance(
         self,
-        points: Sequence[Float32Array],
-        normals: Sequence[Float32Array],
+        points: Float32Array,
+        normals: Float32Array,
         albedo: Float32Array,
     ) -> Float32Array:
         """Grey of lit points as the camera sees them.
 
         Args:
-            points: x, y, z (n,) in the camera frame, mm.
-            normals: unit normal components (n,) on the camera's side of the face.
+            points: (3, n) in the camera frame, mm.
+            normals: (3, n) unit normals on the camera's side of the face.
             albedo: (n,) diffuse reflectance.
 
         Returns:
@@ -96,8 +93,8 @@ class Illumination:
     def _lamp(
         self,
         lamp: Lamp,
-        points: Sequence[Float32Array],
-        normals: Sequence[Float32Array],
+        points: Float32Array,
+        normals: Float32Array,
         range_mm: Float32Array,
         cos_view: Float32Array,
     ) -> tuple[Float32Array, Float32Array]:

@@ -18,6 +18,7 @@ from mvp.imaging.diffraction import THIRD_RING
 from mvp.imaging.light import Illumination
 from mvp.imaging.pupil import WAVELENGTH_MM, PupilOptics, joint_samples
 from mvp.imaging.render_mix import margin_px, mix_borders, spread_of
+from mvp.imaging.render_plain import plain_picture
 from mvp.imaging.render_sampled import sampled_pixels
 from mvp.imaging.render_scene import RenderScene
 from mvp.imaging.render_texture import blurred_prints
@@ -106,7 +107,10 @@ def render(
     Args:
         bodies: the scene; pass a ``RenderScene`` to draw it many times.
         world_from_camera: pose of the camera, z forward.
-        d_mm, f_mm, a_mm, e_mm: the lens setting.
+        d_mm: back nodal point to image plane.
+        f_mm: focal length.
+        a_mm: entrance pupil diameter.
+        e_mm: entrance pupil in front of the front nodal point.
         intrinsics: sensor, principal point, distortion.
         light: standard light when None.
         quality: standard quality when None.
@@ -116,18 +120,10 @@ def render(
     optics = PupilOptics(d_mm, f_mm, a_mm, e_mm, quality.wavelength_mm)
     light = light or Illumination()
     view = CameraView(scene, world_from_camera, optics, intrinsics, light)
-    grey = _plain(view)
+    grey = plain_picture(view)
     _prints(view, grey, quality)
     _edges(view, grey, quality)
     return RenderedImage(grey, optics.brightness, view)
-
-
-def _plain(view: CameraView) -> Float32Array:
-    """One ray per pixel."""
-    directions = view.rays.directions.reshape(-1, 3)
-    triangles = view.triangles.reshape(-1)
-    depth = np.where(triangles < 0, np.float32(1), view.depth_mm.reshape(-1))
-    return view.shade(triangles, directions * depth[:, None]).reshape(view.shape)
 
 
 def _prints(view: CameraView, grey: Float32Array, quality: RenderQuality) -> None:
@@ -168,7 +164,7 @@ def _samples(view: CameraView, count: int, quality: RenderQuality) -> JointSampl
 
 def border_pixels(view: CameraView) -> BoolArray:
     """(rows, columns) pixels whose neighbour shows another plane."""
-    planes = view.scene.plane_ids[view.triangles]
+    planes = view.plane_ids
     seeds = np.zeros(view.shape, dtype=bool)
     across = planes[:, 1:] != planes[:, :-1]
     down = planes[1:] != planes[:-1]

@@ -27,8 +27,8 @@ LEVEL_RATIO = 1.02
 _SMALLEST_BLUR_PX = 0.05
 _RADIAL_STEPS = 96
 _ANGULAR_STEPS = 48
-_FINE_ANGLES = 257
-_FINE_HEIGHTS = 129
+_FINE_ANGLES = 129
+_FINE_HEIGHTS = 97
 _TAIL = 1e-6
 _SUBPIXEL_ERROR = 0.003
 
@@ -110,10 +110,14 @@ def wedge_tables(
     radii = spread_radius_px(blurs, airy_px, parts)
     grid = np.linspace(0.0, radii.max(), 1 + int(np.ceil(radii.max() * 16 * parts)))
     outside = _energy_outside(blurs, airy_px, parts, grid)
-    values = np.empty((len(blurs), _RADIAL_STEPS + 1, _ANGULAR_STEPS + 1))
+    crossing, u, v = _wedge_grids()
+    energy = np.empty((len(blurs), *crossing.shape))
     for k, radius in enumerate(radii):
-        values[k] = _wedge_table(grid, outside[k], radius)
-    return WedgeTables(radii, values)
+        last = np.interp(radius, grid, outside[k])
+        share = np.where(grid < radius, (outside[k] - last) / (1 - last), 0.0)
+        energy[k] = np.interp(crossing * radius, grid, share, right=0.0)
+    running = _running_integral(energy)
+    return WedgeTables(radii, _sampled(running, u, v))
 
 
 def _energy_outside(
@@ -145,31 +149,40 @@ def _disc_transfer(argument: FloatArray) -> FloatArray:
     return np.asarray(2 * j1(x) / x)
 
 
-def _wedge_table(grid: FloatArray, outside: FloatArray, radius: float) -> FloatArray:
-    """W on (sqrt(rho / radius), phi), normalised to a spread that ends at radius."""
-    last = np.interp(radius, grid, outside)
-    outside = np.where(grid < radius, (outside - last) / (1 - last), 0.0)
+def _fine_angles() -> FloatArray:
+    """Angles 0 .. pi/2, denser towards the border's direction."""
     turn = np.linspace(0.0, 1.0, _FINE_ANGLES)
-    angles = np.pi / 2 * (1 - (1 - turn) ** 2)
-    heights = radius * np.linspace(0.0, 1.0, _FINE_HEIGHTS) ** 2
-    cosine = np.maximum(np.cos(angles), 1e-12)
-    energy = np.interp(heights[:, None] / cosine, grid, outside, right=0.0)
-    slabs = (energy[:, 1:] + energy[:, :-1]) / 2 * np.diff(angles)
-    running = np.concatenate(
-        [np.zeros((len(heights), 1)), np.cumsum(slabs, axis=1)], axis=1
-    ) / (2 * np.pi)
-    rho = radius * np.linspace(0.0, 1.0, _RADIAL_STEPS + 1)[:, None] ** 2
+    return np.asarray(np.pi / 2 * (1 - (1 - turn) ** 2))
+
+
+@lru_cache(maxsize=1)
+def _wedge_grids() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """In units of the spread's radius: where rays cross, and indices of the table."""
+    heights = np.linspace(0.0, 1.0, _FINE_HEIGHTS)[:, None] ** 2
+    crossing = heights / np.maximum(np.cos(_fine_angles()), 1e-12)
+    rho = np.linspace(0.0, 1.0, _RADIAL_STEPS + 1)[:, None] ** 2
     phi = np.linspace(0.0, np.pi / 2, _ANGULAR_STEPS + 1)[None]
-    u = np.sqrt(rho * np.cos(phi) / radius).clip(0, 1) * (_FINE_HEIGHTS - 1)
+    u = np.sqrt((rho * np.cos(phi)).clip(0, 1)) * (_FINE_HEIGHTS - 1)
     v = (1 - np.sqrt(1 - phi * 2 / np.pi)) * (_FINE_ANGLES - 1) + 0 * rho
-    return _sampled(running, u, v)
+    return crossing, u, v
 
 
-def _sampled(table: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
-    """Bilinear lookup at fractional indices."""
-    row = np.minimum(u.astype(np.int64), table.shape[0] - 2)
-    column = np.minimum(v.astype(np.int64), table.shape[1] - 2)
+def _running_integral(energy: FloatArray) -> FloatArray:
+    """Integral over the angle from 0, divided by 2 pi: (levels, heights, angles)."""
+    slabs = (energy[..., 1:] + energy[..., :-1]) * (np.diff(_fine_angles()) / 2)
+    running = np.zeros_like(energy)
+    np.cumsum(slabs, axis=-1, out=running[..., 1:])
+    return running / (2 * np.pi)
+
+
+def _sampled(tables: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
+    """Bilinear lookup of every table at fractional indices."""
+    row = np.minimum(u.astype(np.int64), tables.shape[1] - 2)
+    column = np.minimum(v.astype(np.int64), tables.shape[2] - 2)
     u, v = u - row, v - column
-    near = table[row, column] * (1 - v) + table[row, column + 1] * v
-    far = table[row + 1, column] * (1 - v) + table[row + 1, column + 1] * v
+    base = row * tables.shape[2] + column
+    flat = tables.reshape(len(tables), -1)
+    near = flat[:, base] * (1 - v) + flat[:, base + 1] * v
+    base = base + tables.shape[2]
+    far = flat[:, base] * (1 - v) + flat[:, base + 1] * v
     return np.asarray(near * (1 - u) + far * u)

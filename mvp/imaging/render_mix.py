@@ -18,7 +18,6 @@ from mvp.imaging.render_kernel import (
     subpixels_needed,
     wedge_tables,
 )
-from mvp.imaging.render_sampled import chief_directions
 from mvp.imaging.render_texture import print_albedo
 
 if TYPE_CHECKING:
@@ -77,7 +76,8 @@ def mix_borders(
     view: CameraView, grey: Float32Array, pieces: Pieces, spread: Spread
 ) -> None:
     """Draw the borders into a picture of one ray per pixel, in place."""
-    pixels = _touched(view, pieces, spread)
+    pairs = _pairs(view, pieces, spread)
+    pixels = _touched(view, pairs)
     if not len(pixels):
         return
     total = np.zeros(len(pixels))
@@ -86,7 +86,7 @@ def mix_borders(
         base = flat[pixels]
         if spread.parts > 1:
             base = _base(view, pixels, np.broadcast_to(shift, (len(pixels), 2)), base)
-        total += _mixed(view, pixels, shift, base, pieces, spread)
+        total += _mixed(view, pixels, shift, base, _Borders(pieces, spread, pairs))
     flat[pixels] = total / spread.parts**2
 
 
@@ -100,11 +100,10 @@ def _mixed(
     pixels: IntArray,
     shift: FloatArray,
     base: Float32Array,
-    pieces: Pieces,
-    spread: Spread,
+    borders: _Borders,
 ) -> FloatArray:
     """Grey (n,) at one place within all touched pixels."""
-    change, tied = _changes(view, pixels, shift, pieces, spread)
+    change, tied = _changes(view, pixels, shift, borders)
     mixed = base + change
     if not len(tied.pixel):
         return np.asarray(mixed)
@@ -114,9 +113,18 @@ def _mixed(
     for side in (1.0, -1.0):
         moved = shift + side * tied.aside
         fresh = _base(view, tied.pixel, moved, base[where])
-        again, _ = _changes(view, tied.pixel, moved, pieces, spread)
+        again, _ = _changes(view, tied.pixel, moved, borders)
         mixed[where] += 0.5 * (fresh + again)
     return np.asarray(mixed)
+
+
+@dataclass(frozen=True, eq=False)
+class _Borders:
+    """Pieces, their spread, and the chunks of (piece, pixel) pairs within reach."""
+
+    pieces: Pieces
+    spread: Spread
+    pairs: list[tuple[IntArray, IntArray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +139,7 @@ def _base(
     view: CameraView, pixels: IntArray, shift: FloatArray, centre: Float32Array
 ) -> Float32Array:
     """Grey under single rays at places within pixels; prints stay as averaged."""
-    directions = chief_directions(view, pixels, shift)
+    directions = view.rays.within(pixels, shift)
     triangles = view.scene.hit(view.world_from_camera, directions)
     same = (
         view.scene.plane_ids[triangles]
@@ -143,10 +151,10 @@ def _base(
     return np.where(same & view.has_prints, centre, grey)
 
 
-def _touched(view: CameraView, pieces: Pieces, spread: Spread) -> IntArray:
+def _touched(view: CameraView, pairs: list[tuple[IntArray, IntArray]]) -> IntArray:
     """Flat indices, sorted, of all pixels within reach of any piece."""
     seen = np.zeros(view.shape, dtype=bool)
-    for _, pixel in _pairs(view, pieces, spread):
+    for _, pixel in pairs:
         seen.reshape(-1)[pixel] = True
     return np.flatnonzero(seen)
 
@@ -155,8 +163,7 @@ def _changes(
     view: CameraView,
     pixels: IntArray,
     shift: FloatArray,
-    pieces: Pieces,
-    spread: Spread,
+    borders: _Borders,
 ) -> tuple[FloatArray, _Ties]:
     """What the borders add at places within pixels, and the places on a border."""
     change = np.zeros(len(pixels))
@@ -164,13 +171,14 @@ def _changes(
     slot[pixels] = np.arange(len(pixels))
     shifts = np.broadcast_to(shift, (len(pixels), 2))
     ties: list[_Ties] = []
-    for piece, pixel in _pairs(view, pieces, spread):
-        index = slot[pixel]
-        known = index >= 0
-        piece, index = piece[known], index[known]
-        amount, tie, aside = _pair_changes(
-            view, pixels[index], shifts[index], pieces, piece, spread
+    for pair_piece, pair_pixel in borders.pairs:
+        slots = slot[pair_pixel]
+        known = np.flatnonzero(slots >= 0)
+        piece, index = pair_piece[known], slots[known]
+        near, amount, tie, aside = _pair_changes(
+            view, pixels[index], shifts[index], borders.pieces, piece, borders.spread
         )
+        index = index[near]
         change += np.bincount(index, amount, minlength=len(pixels))
         ties.append(_Ties(pixels[index[tie]], aside))
     pixel = np.concatenate([t.pixel for t in ties] or [np.zeros(0, np.int64)])
@@ -186,31 +194,49 @@ def _pair_changes(
     pieces: Pieces,
     piece: IntArray,
     spread: Spread,
-) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """Change per (place, piece) pair, which pairs tie, and the way off the border."""
-    columns = view.shape[1]
-    x = pixel % columns + shift[:, 0]
-    y = pixel // columns + shift[:, 1]
-    start, along = pieces.start_px[piece], (pieces.end_px - pieces.start_px)[piece]
-    along_x, along_y = along[:, 0] * spread.scale[0], along[:, 1] * spread.scale[1]
-    length = np.maximum(np.hypot(along_x, along_y), 1e-12)
-    unit_x, unit_y = along_x / length, along_y / length
-    gap_x = (x - start[:, 0]) * spread.scale[0]
-    gap_y = (y - start[:, 1]) * spread.scale[1]
-    passed = gap_x * unit_x + gap_y * unit_y
-    height = gap_y * unit_x - gap_x * unit_y
+) -> tuple[IntArray, FloatArray, BoolArray, FloatArray]:
+    """Pairs within reach: index, change, whether tied, and the way off the border."""
+    geometry = _place(view, pixel, shift, pieces, piece, spread)
+    height, passed, length, normal = geometry
     level = spread.level[piece]
     above = np.abs(height)
-    wedge = spread.tables.wedge(level, above, length - passed)
-    wedge += spread.tables.wedge(level, above, passed)
+    near = np.flatnonzero(above < spread.tables.radius_px[level])
+    height, passed, length, above = (
+        values[near] for values in (height, passed, length, above)
+    )
+    wedge = spread.tables.wedge(level[near], above, length - passed)
+    wedge += spread.tables.wedge(level[near], above, passed)
     share = np.clip(passed / length, 0.0, 1.0)
-    step = pieces.step[piece]
+    step = pieces.step[piece[near]]
     step = step[:, 0] + share * (step[:, 1] - step[:, 0])
     # Positive height is the right side: from there the step to the far side is minus.
     amount = -np.sign(height) * step * wedge
     tie = (above < _TIE_PX) & (passed > -_TIE_PX) & (passed < length + _TIE_PX)
-    normal = np.column_stack([-unit_y[tie], unit_x[tie]]) / spread.scale
-    return amount, tie, normal * (3 * _TIE_PX)
+    aside = normal[piece[near[tie]]] * (3 * _TIE_PX)
+    return near, amount, tie, aside
+
+
+def _place(
+    view: CameraView,
+    pixel: IntArray,
+    shift: FloatArray,
+    pieces: Pieces,
+    piece: IntArray,
+    spread: Spread,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Height over the piece and way along it per pair, its length; normals per piece."""
+    start = pieces.start_px * spread.scale
+    along = pieces.end_px * spread.scale - start
+    length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-12)
+    unit = along / length[:, None]
+    columns = view.shape[1]
+    gap_x = (pixel % columns + shift[:, 0]) * spread.scale[0] - start[piece, 0]
+    gap_y = (pixel // columns + shift[:, 1]) * spread.scale[1] - start[piece, 1]
+    unit_x, unit_y = unit[piece, 0], unit[piece, 1]
+    passed = gap_x * unit_x + gap_y * unit_y
+    height = gap_y * unit_x - gap_x * unit_y
+    normal = np.column_stack([-unit[:, 1], unit[:, 0]]) / spread.scale
+    return height, passed, length[piece], normal
 
 
 def _pairs(

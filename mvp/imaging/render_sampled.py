@@ -14,7 +14,7 @@ import numpy as np
 from mvp.imaging.render_texture import print_albedo
 
 if TYPE_CHECKING:
-    from mvp.geometry import FloatArray, IntArray
+    from mvp.geometry import IntArray
     from mvp.imaging.light import Float32Array
     from mvp.imaging.pupil import JointSamples
     from mvp.imaging.render_view import CameraView
@@ -48,8 +48,8 @@ def _rays(
     """Start points and directions (n * k, 3) in the camera frame."""
     shift = (samples.pixel_px + samples.airy_mm / view.pitch_mm).astype(np.float32)
     count = len(shift)
-    chief = chief_directions(
-        view, np.repeat(pixels, count), np.tile(shift, (len(pixels), 1))
+    chief = view.rays.within(
+        np.repeat(pixels, count), np.tile(shift, (len(pixels), 1))
     ).reshape(len(pixels), count, 3)
     tilt = samples.pupil_mm * view.optics.inverse_focus_per_mm
     directions = chief
@@ -57,18 +57,6 @@ def _rays(
     origins = np.zeros_like(directions)
     origins[..., :2] = samples.pupil_mm
     return origins.reshape(-1, 3), directions.reshape(-1, 3)
-
-
-def chief_directions(
-    view: CameraView, pixels: IntArray, shift_px: FloatArray | Float32Array
-) -> Float32Array:
-    """Chief rays (n, 3) with z = 1 at places (n, 2) within pixels (flat index)."""
-    shift = np.asarray(shift_px, dtype=np.float32)
-    rays = view.rays
-    directions = rays.directions.reshape(-1, 3)[pixels]
-    directions[:, :2] += rays.along_x.reshape(-1, 2)[pixels] * shift[:, :1]
-    directions[:, :2] += rays.along_y.reshape(-1, 2)[pixels] * shift[:, 1:]
-    return directions
 
 
 def _meet(

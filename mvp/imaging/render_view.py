@@ -57,6 +57,11 @@ class CameraView:
         return self.scene.hit(self.world_from_camera, directions).reshape(self.shape)
 
     @cached_property
+    def plane_ids(self) -> IntArray:
+        """(rows, columns) plane under each pixel's centre, -1 for none; int32."""
+        return np.asarray(self.scene.plane_ids.astype(np.int32)[self.triangles])
+
+    @cached_property
     def depth_mm(self) -> Float32Array:
         """(rows, columns) z of the hit in the camera frame; inf for none."""
         flat = self.depths(

@@ -17,6 +17,7 @@ from mvp.imaging.render_texture import print_albedo
 
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, IntArray
+    from mvp.imaging.light import Float32Array
     from mvp.imaging.render_view import CameraView
 
 _PROBE_STEP_PX = 1.0
@@ -136,7 +137,7 @@ def _probe(view: CameraView, lines: _Lines, line: IntArray, t: FloatArray) -> _P
 
 def _owned(
     view: CameraView,
-    rays: FloatArray,
+    rays: Float32Array,
     right: IntArray,
     left: IntArray,
     points: FloatArray,

@@ -75,7 +75,9 @@ def quantised(share: Float32Array, sensor: SensorNoise) -> FrameArray:
     levels = np.clip(
         np.rint(share * np.float32(sensor.white_level)), 0, sensor.white_level
     )
-    return levels.astype(np.uint8 if sensor.bits == 8 else np.uint16)
+    if sensor.bits == 8:
+        return np.asarray(levels, dtype=np.uint8)
+    return np.asarray(levels, dtype=np.uint16)
 
 
 def _noisy(
