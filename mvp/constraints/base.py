@@ -117,7 +117,13 @@ def worst_of(
         value: (N, R) margins, inf where a row has no limit.
         labels: R texts.
         unbounded: (N,) or None: where the worst row is infinite.
+
+    Returns:
+        The worst rows; unbounded where there are no rows at all.
     """
+    if value.shape[1] == 0:
+        nothing = np.full((len(value), 1), np.inf)
+        return worst_of(unit, nothing, ("nothing asked",))
     worst = np.argmin(value, axis=1)
     least = np.take_along_axis(value, worst[:, None], axis=1)[:, 0]
     free = np.isposinf(least) if unbounded is None else unbounded

@@ -72,7 +72,7 @@ class Resolution:
         """Both end pieces of every segment.
 
         Args:
-            segments_mm: (s, 2, 3) part frame.
+            segments_mm: (s, 2, 3) part frame; s = 0 (points only) gives no rows.
             detail_mm: l, smallest detail, one value or one per segment. A segment that
                 is shorter is taken whole, with proportionally fewer pixels.
             pixels: pixels that l must cover, one value or one per segment.
@@ -83,7 +83,9 @@ class Resolution:
         Raises:
             ValueError: a segment has no length, or a demand is not positive.
         """
-        segments = as_points(segments_mm, name="segments_mm").reshape(-1, 2, 3)
+        given_mm = np.asarray(segments_mm, np.float64)
+        shaped = given_mm.reshape(-1, 2, 3) if given_mm.size == 0 else given_mm
+        segments = as_points(shaped, name="segments_mm").reshape(-1, 2, 3)
         pieces, share, owner, end = _end_pieces(segments, detail_mm)
         needed = np.broadcast_to(np.asarray(pixels, np.float64), len(segments))
         if not (needed > 0).all():
@@ -93,7 +95,7 @@ class Resolution:
         return cls(
             pieces[:, 0],
             pieces[:, 1],
-            needed[owner] * share,
+            needed[np.array(owner, dtype=np.int64)] * share,
             sensor.pitch_x_mm,
             sensor.pitch_y_mm,
             rule,

@@ -230,6 +230,17 @@ def test_a_short_feature_needs_its_share_of_the_pixels():
         Resolution.of_segments(segments * 0, detail_mm=4.0, pixels=8, sensor=sensor)
 
 
+def test_points_alone_ask_for_no_resolution():
+    nothing = Resolution.of_segments(
+        [], detail_mm=[], pixels=[], sensor=Sensor(64, 64, 0.005, 0.005)
+    )
+    views = views_at([[0, 0, 10], [0, 0, 20]])
+    assert nothing.rows(views).value.shape == (2, 0)
+    assert nothing.rows(views).gradient.shape == (2, 0, 9)
+    assert nothing.report(views).unbounded.all()
+    assert nothing.report(views).label(1) == "nothing asked"
+
+
 def test_resolution_loses_exactly_what_distance_takes():
     sensor = Sensor(1280, 1024, 0.005, 0.005)
     segments = np.array([[[0, 0, 0], [10.0, 0, 0]]])
