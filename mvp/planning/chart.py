@@ -33,16 +33,23 @@ class Chart:
         centre_mm: (3,) C, the target's centre in the part frame.
         lens: bounds; a fixed d, f or a has no coordinate.
         roll_free: whether the orbit turns about the viewing direction as well.
+        nearest_mm: C never comes nearer to the pupil than this along the axis.
     """
 
     centre_mm: FloatArray
     lens: LensBounds
     roll_free: bool
+    nearest_mm: float = 0.0
 
     @classmethod
     def of(cls, problem: PlanningProblem) -> Chart:
         """The chart of one problem."""
-        return cls(problem.target_centre_mm, problem.lens, problem.roll_free)
+        return cls(
+            problem.target_centre_mm,
+            problem.lens,
+            problem.roll_free,
+            problem.target_radius_mm + problem.lens.f_mm[0],
+        )
 
     @property
     def n_orbit(self) -> int:
@@ -149,17 +156,24 @@ class Chart:
         if self.lens.a_free:
             jacobian[:, A, column] = views.a_mm
 
-    def box(self, view: Views, radius: float) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper bounds (n,) of y for one view: trust region, f and a."""
-        high = radius * self.shape
+    def box(self, views: Views, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Bounds (N, n) of y: trust radius (N,), nearest depth, range of f and a."""
+        high = radius[:, None] * self.shape
         low = -high
-        column = self.n_orbit + 3 + int(self.lens.d_free)
+        depth = self.n_orbit + 2
+        if self.nearest_mm > 0:
+            z = np.maximum(self.target_camera(views)[:, 2], _DEPTH_FLOOR_MM)
+            least = np.minimum(np.log(self.nearest_mm / z), 0.0)
+            low[:, depth] = np.maximum(low[:, depth], least)
+        column = depth + 1 + int(self.lens.d_free)
         for free, value, bounds in (
-            (self.lens.f_free, view.f_mm[0], self.lens.f_mm),
-            (self.lens.a_free, view.a_mm[0], self.lens.a_mm),
+            (self.lens.f_free, views.f_mm, self.lens.f_mm),
+            (self.lens.a_free, views.a_mm, self.lens.a_mm),
         ):
             if free:
-                low[column] = max(low[column], min(np.log(bounds[0] / value), 0.0))
-                high[column] = min(high[column], max(np.log(bounds[1] / value), 0.0))
+                least = np.minimum(np.log(bounds[0] / value), 0.0)
+                most = np.maximum(np.log(bounds[1] / value), 0.0)
+                low[:, column] = np.maximum(low[:, column], least)
+                high[:, column] = np.minimum(high[:, column], most)
                 column += 1
         return low, high

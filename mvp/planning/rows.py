@@ -7,7 +7,7 @@ negative.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -15,9 +15,10 @@ import numpy as np
 
 from mvp.constraints.base import SHIFT
 from mvp.constraints.sigma import margin_deviation
-from mvp.optics.views import concatenated
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from mvp.constraints.base import Constraint, Kind
     from mvp.geometry import BoolArray, FloatArray
     from mvp.optics import Views
@@ -31,6 +32,7 @@ _CONSTANT_SCALE: frozenset[Kind] = frozenset(
 _INDEX_LIMIT = 1e6
 _SCALE_FLOOR = 1e-9
 _DIFFERENCE = 1e-3
+_HARD_SLACK = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +86,20 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class RowTable:
-    """Evaluates every constraint of a problem in one go."""
+    """Evaluates every constraint of a problem in one go.
+
+    Attributes:
+        constraints: whose rows follow each other.
+        sigma: (9,) standard deviations of the error coordinates.
+        hard_kinds: kinds that must hold but have no index.
+        fixed_scales: kinds that are measured against a fixed scale, in their own unit,
+            instead of their standard deviation.
+    """
 
     constraints: tuple[Constraint, ...]
     sigma: FloatArray
     hard_kinds: frozenset[Kind]
+    fixed_scales: Mapping[Kind, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, problem: PlanningProblem) -> RowTable:
@@ -143,6 +154,9 @@ class RowTable:
         hard = self.hard[self.curved] if curved_only else self.hard
         scale = margin_deviation(gradient, self.sigma)
         scale[:, hard] = 1.0
+        for kind, fixed in self.fixed_scales.items():
+            mask = self.mask(kind)
+            scale[:, mask[self.curved] if curved_only else mask] = fixed
         return Evaluated(value, gradient, scale)
 
     def index(self, views: Views) -> FloatArray:
@@ -152,7 +166,7 @@ class RowTable:
     def worst(self, index: FloatArray) -> FloatArray:
         """Smallest index (N,) over the rows that have one; -inf if a hard row fails."""
         soft = index[:, ~self.hard].min(axis=1)
-        failed = (index[:, self.hard] < 0).any(axis=1)
+        failed = (index[:, self.hard] < -_HARD_SLACK).any(axis=1)
         return np.where(failed, np.minimum(soft, -_INDEX_LIMIT), soft)
 
     def linearise(self, views: Views, chart: Chart) -> Linearised:
@@ -173,12 +187,11 @@ class RowTable:
     def _scale_slope(self, views: Views, chart: Chart) -> FloatArray:
         """Derivative of the curved rows' scale by y, (N, R_curved, n)."""
         step = _DIFFERENCE * chart.shape
-        displaced = []
-        for sign in (1.0, -1.0):
-            for j in range(chart.n):
-                y = np.zeros((len(views), chart.n))
-                y[:, j] = sign * step[j]
-                displaced.append(chart.retract(views, y))
-        scales = self.evaluate(concatenated(displaced), curved_only=True).scale
-        plus, minus = scales.reshape(2, chart.n, len(views), -1)
-        return np.asarray(np.moveaxis((plus - minus) / (2 * step[:, None, None]), 0, 2))
+        count = len(views)
+        offsets = np.concatenate([np.diag(step), -np.diag(step)])
+        repeated = views[np.tile(np.arange(count), len(offsets))]
+        displaced = chart.retract(repeated, np.repeat(offsets, count, axis=0))
+        scales = self.evaluate(displaced, curved_only=True).scale
+        plus, minus = scales.reshape(2, chart.n, count, -1)
+        slope = (plus - minus) / (2 * step[:, None, None])
+        return np.asarray(np.moveaxis(slope, 0, 2))

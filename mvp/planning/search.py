@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mvp.optics import Views
     from mvp.planning.problem import PlanningProblem
     from mvp.planning.rows import Linearised
-    from mvp.planning.step import LinearModel, Step
+    from mvp.planning.step import LinearModel, State, Step
 
 _ACCEPT, _POOR, _GOOD, _SHORT = 0.1, 0.3, 0.7, 0.9
 _GROW, _HALVE, _SHRINK = 2.0, 0.5, 0.4
@@ -29,7 +29,10 @@ _GROW, _HALVE, _SHRINK = 2.0, 0.5, 0.4
 
 @dataclass(frozen=True)
 class Limits:
-    """When a search stops, and how far it may step."""
+    """When a search stops, and how far it may step.
+
+    ``enough``: a merit that needs no improvement; all searches stop where one has it.
+    """
 
     steps: int = 60
     predicted_gain: float = 1e-4
@@ -38,6 +41,7 @@ class Limits:
     radius: float = 1.0
     largest_radius: float = 8.0
     smallest_radius: float = 1e-6
+    enough: float = np.inf
 
 
 DEFAULT_LIMITS = Limits()
@@ -73,6 +77,7 @@ class _Pool:
         self.steps = np.zeros(count, dtype=np.int64)
         self.active = np.ones(count, dtype=bool)
         self.linear: list[Linearised | None] = [None] * count
+        self.states: list[State] = []
 
     def refresh(self) -> None:
         """Model anew the active views that moved."""
@@ -88,13 +93,10 @@ class _Pool:
     def propose(self) -> tuple[IntArray, list[Step]]:
         """Steps of the active searches; those that promise nothing stop."""
         which, steps = [], []
+        self.states = self.model.states(self.views, self.radius)
         for k in np.flatnonzero(self.active):
             linear = self.linear[k]
-            step = (
-                None
-                if linear is None
-                else self.model.solve(self.views[k], linear, float(self.radius[k]))
-            )
+            step = None if linear is None else self.model.solve(self.states[k], linear)
             gain = -np.inf if step is None else step.predicted - self.value[k]
             if step is None or gain < self.limits.predicted_gain:
                 self.active[k] = False
@@ -109,7 +111,7 @@ class _Pool:
         return trial, self.model.table.index(trial)
 
     def corrected(
-        self, k: int, y: FloatArray, trial: Views, index: FloatArray
+        self, k: int, y: FloatArray, position_mm: FloatArray, index: FloatArray
     ) -> FloatArray:
         """Second-order correction of one step; the old step if there is none.
 
@@ -120,13 +122,13 @@ class _Pool:
         if linear is None:
             return y
         table = self.model.table
-        offset = index[0] - linear.slope[0] @ y
-        shift = trial.position_mm[0] - self.views.position_mm[k]
+        offset = index - linear.slope[0] @ y
+        shift = position_mm - self.views.position_mm[k]
         curve = shift - linear.jacobian[0, SHIFT] @ y
         bent = linear.index[0] + linear.shift_slope[0] @ curve
         offset = np.where(table.curved, offset, bent)
         patched = replace(linear, index=offset[None])
-        step = self.model.solve(self.views[k], patched, float(self.radius[k]))
+        step = self.model.solve(self.states[k], patched)
         return y if step is None else step.y
 
     def decide(
@@ -169,6 +171,8 @@ def climb(
     """Search from every view (K, at least one) with the target's centre in front."""
     pool = _Pool(model, views, limits)
     for _ in range(limits.steps):
+        if (pool.value >= limits.enough).any():
+            break
         pool.refresh()
         which, steps = pool.propose()
         if not len(which):
@@ -189,7 +193,7 @@ def _advance(
     if len(short):
         again = np.stack(
             [
-                pool.corrected(int(which[i]), y[i], trial[int(i)], index[i : i + 1])
+                pool.corrected(int(which[i]), y[i], trial.position_mm[i], index[i])
                 for i in short
             ]
         )

@@ -117,6 +117,20 @@ def attempt(
 ) -> Attempt:
     """``solve``, with the candidates: what an explanation of a failure needs."""
     tell = progress or (lambda stage, share: None)
+    ended = searched(problem, seed=seed, progress=progress)
+    if not ended.solutions:
+        return ended
+    tell("second stage", 0.8)
+    best = _second_stage(problem, ended.solutions[0], seed)
+    tell("done", 1.0)
+    return replace(ended, solutions=(best, *ended.solutions[1:]))
+
+
+def searched(
+    problem: PlanningProblem, *, seed: int, progress: Progress | None = None
+) -> Attempt:
+    """The first stage alone: largest smallest index from every distinct start."""
+    tell = progress or (lambda stage, share: None)
     table, chart = RowTable.of(problem), Chart.of(problem)
     tell("candidates", 0.0)
     screened = screen(problem, table, np.random.default_rng([seed, 0]))
@@ -124,14 +138,10 @@ def attempt(
     if not starts:
         return Attempt((), screened)
     tell("search", 0.2)
-    first = LinearModel(table, chart, max_min(table))
-    ended = climb(problem, first, concatenated([s.view for s in starts]))
-    order = _ranking(ended)
-    tell("second stage", 0.8)
-    found = [_solution(problem, first, ended, k, starts[k]) for k in order]
-    best = _second_stage(problem, table, chart, found, seed)
-    tell("done", 1.0)
-    return Attempt((best, *found[1:]), screened)
+    model = LinearModel(table, chart, max_min(table))
+    ended = climb(problem, model, concatenated([s.view for s in starts]))
+    found = [_solution(problem, model, ended, k, starts[k]) for k in _ranking(ended)]
+    return Attempt(tuple(found), screened)
 
 
 def _starts(problem: PlanningProblem, screened: Screened) -> list[Start]:
@@ -181,7 +191,8 @@ def described(
     table = model.table
     linear = table.linearise(view, model.chart)
     index = linear.index[0]
-    step = model.solve(view, linear, _PROBE_RADIUS)
+    state = model.states(view, np.array([_PROBE_RADIUS]))[0]
+    step = model.solve(state, linear)
     duals = Duals(np.zeros(len(index))) if step is None else step.duals
     t = float(table.worst(linear.index)[0])
     row = _binding_row(table, index, duals)
@@ -235,17 +246,11 @@ def margins(
     return found
 
 
-def _second_stage(
-    problem: PlanningProblem,
-    table: RowTable,
-    chart: Chart,
-    found: list[Solution],
-    seed: int,
-) -> Solution:
+def _second_stage(problem: PlanningProblem, best: Solution, seed: int) -> Solution:
     """Give up 5 % of the smallest index to raise the others, if that fails less."""
-    best = found[0]
     if best.t <= 0:
         return best
+    table, chart = RowTable.of(problem), Chart.of(problem)
     merit = by_kind(table, _KEEP * best.t, _CAP * best.t)
     ended = climb(
         problem,

@@ -11,12 +11,16 @@ from mvp.constraints.base import D
 from mvp.planning.linear import LinearSolution, LinearSolver, linear_solver
 
 if TYPE_CHECKING:
-    from mvp.geometry import BoolArray, FloatArray, IntArray
+    from collections.abc import Collection
+
+    from mvp.constraints.base import Kind
+    from mvp.geometry import FloatArray, IntArray
     from mvp.optics import Views
     from mvp.planning.chart import Chart
     from mvp.planning.rows import Linearised, RowTable
 
 PENALTY_PER_SIGMA = 50.0
+JUST_INSIDE = 0.02
 _UNBOUNDED = 1e7
 
 
@@ -71,10 +75,14 @@ def by_kind(table: RowTable, floor: float, cap: float) -> Merit:
     return Merit(np.array(groups), np.full(len(number), cap), floors)
 
 
-def relax_kind(table: RowTable, kind: str) -> Merit:
-    """The worst index of one requirement, all others required to hold."""
-    chosen = np.array([k == kind for k in table.kinds])
-    floors = np.where(chosen, -np.inf, 0.0)
+def relax_kinds(table: RowTable, kinds: Collection[Kind]) -> Merit:
+    """The worst index of some requirements, all others kept just inside.
+
+    Exactly on the boundary a view may count as outside, from where a search does not
+    come back; hence the small floor.
+    """
+    chosen = np.array([k in kinds for k in table.kinds])
+    floors = np.where(chosen, -np.inf, np.where(table.hard, 0.0, JUST_INSIDE))
     return Merit(np.where(chosen, 0, -1), np.array([_UNBOUNDED]), floors)
 
 
@@ -100,6 +108,17 @@ class Step:
     duals: Duals
 
 
+@dataclass(frozen=True, eq=False)
+class State:
+    """Box (n,) of the step and lens values of one view, mm."""
+
+    low: FloatArray
+    high: FloatArray
+    d_mm: float
+    f_mm: float
+    a_mm: float
+
+
 class LinearModel:
     """Builds and solves the linear programme of one view.
 
@@ -113,13 +132,23 @@ class LinearModel:
         self.merit = merit
         self._solver: LinearSolver = linear_solver()
 
-    def solve(self, view: Views, model: Linearised, radius: float) -> Step | None:
-        """The best step of one view inside the trust radius; None if there is none."""
-        low, high = self.chart.box(view, radius)
+    def states(self, views: Views, radius: FloatArray) -> list[State]:
+        """What the programme must know of each view besides its rows."""
+        low, high = self.chart.box(views, radius)
+        return [
+            State(low[k], high[k], float(d), float(f), float(a))
+            for k, (d, f, a) in enumerate(
+                zip(views.d_mm, views.f_mm, views.a_mm, strict=True)
+            )
+        ]
+
+    def solve(self, state: State, model: Linearised) -> Step | None:
+        """The best step of one view inside its box; None if there is none."""
+        low, high = state.low, state.high
         index, slope = model.index[0], model.slope[0]
         grouped, floored = self._relevant(index, slope, np.maximum(-low, high))
         rows, rows_low = self._index_rows(index, slope, grouped, floored)
-        bounds, bounds_low, names = self._lens_rows(view, model.jacobian[0])
+        bounds, bounds_low, names = self._lens_rows(state, model.jacobian[0])
         n_groups = len(self.merit.caps)
         cost = np.zeros(rows.shape[1])
         cost[self.chart.n :] = 1.0
@@ -134,7 +163,7 @@ class LinearModel:
         if solution is None:
             return None
         chosen = np.concatenate([grouped, floored])
-        duals = self._duals(solution, chosen, names, view)
+        duals = self._duals(solution, chosen, names, state)
         y = np.clip(solution.x[: self.chart.n], low, high)
         return Step(y, float(cost @ solution.x), duals)
 
@@ -170,7 +199,7 @@ class LinearModel:
         return rows, low
 
     def _lens_rows(
-        self, view: Views, jacobian: FloatArray
+        self, state: State, jacobian: FloatArray
     ) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
         """d_min and d_max as rows; f and a are bounds of their own coordinates."""
         width = self.chart.n + len(self.merit.caps) + 1
@@ -180,8 +209,8 @@ class LinearModel:
         rows[0, : self.chart.n] = jacobian[D]
         rows[1, : self.chart.n] = -jacobian[D]
         d_low, d_high = self.chart.lens.d_mm
-        d = float(view.d_mm[0])
-        low = np.array([min(d_low - d, 0.0), min(d - d_high, 0.0)])
+        gaps = (d_low - state.d_mm, state.d_mm - d_high)
+        low = np.minimum(np.array(gaps), 0.0)
         return rows, low, ("d_min", "d_max")
 
     def _duals(
@@ -189,7 +218,7 @@ class LinearModel:
         solution: LinearSolution,
         chosen: IntArray,
         names: tuple[str, ...],
-        view: Views,
+        state: State,
     ) -> Duals:
         weights = np.zeros(len(self.table.kinds))
         np.add.at(weights, chosen, np.abs(solution.row_duals[: len(chosen)]))
@@ -198,16 +227,16 @@ class LinearModel:
             for name, dual in zip(names, solution.row_duals[len(chosen) :], strict=True)
             if abs(dual) > 1e-9
         }
-        return Duals(weights, bounds | self._box_duals(solution, view))
+        return Duals(weights, bounds | self._box_duals(solution, state))
 
-    def _box_duals(self, solution: LinearSolution, view: Views) -> dict[str, float]:
+    def _box_duals(self, solution: LinearSolution, state: State) -> dict[str, float]:
         """Duals of f and a where the lens, not the trust region, is the bound."""
         lens = self.chart.lens
         column = self.chart.n_orbit + 3 + int(lens.d_free)
         found = {}
         for name, free, value, (low, high) in (
-            ("f", lens.f_free, float(view.f_mm[0]), lens.f_mm),
-            ("a", lens.a_free, float(view.a_mm[0]), lens.a_mm),
+            ("f", lens.f_free, state.f_mm, lens.f_mm),
+            ("a", lens.a_free, state.a_mm, lens.a_mm),
         ):
             if not free:
                 continue
@@ -219,9 +248,3 @@ class LinearModel:
                 found[f"{name}_max"] = dual
             column += 1
         return found
-
-
-def held_by(rows: BoolArray, duals: Duals) -> float:
-    """Share of the duals that a set of rows carries, 0 to 1."""
-    total = float(duals.rows.sum())
-    return float(duals.rows[rows].sum()) / total if total > 0 else 0.0
