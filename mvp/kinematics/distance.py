@@ -126,9 +126,9 @@ class TriangleBlocks:
         return np.concatenate([np.zeros(0), *parts])
 
     def _distance(self, p: FloatArray, q: FloatArray, ceiling_mm: float) -> FloatArray:
-        nearest = np.full(len(p), ceiling_mm)
+        nearest: FloatArray = np.full(len(p), ceiling_mm)
         to_block = point_segment(self.centre_mm, p[:, None], q[:, None])
-        nearest = np.minimum(nearest, (to_block + self.radius_mm).min(axis=1))
+        nearest[:] = np.minimum(nearest, (to_block + self.radius_mm).min(axis=1))
         segment, block = np.nonzero(to_block - self.radius_mm < nearest[:, None])
         count = np.diff(self.first)[block]
         offsets = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)

@@ -32,9 +32,7 @@ LINKS = (
     "wrist 3 link",
 )
 _WRIST_SINGULAR = 1e-9
-_SIGNS = np.array(
-    [(s, w, e) for s in (1, -1) for w in (1, -1) for e in (1, -1)], dtype=np.float64
-)
+_SIGN = np.array([1.0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -289,42 +287,51 @@ class _Frames:
 def _branches(
     g: UrGeometry, rotation: FloatArray, point_mm: FloatArray, free_wrist_rad: float
 ) -> FloatArray:
-    """All branches (N, 8, 6) before turns and limits; nan where there is none."""
-    shoulder, wrist, elbow = _SIGNS.T
+    """All branches (N, 8, 6) before turns and limits; nan where there is none.
+
+    Two shoulders, for each two wrists, for each two elbows.
+    """
     x6, y6, z6 = (rotation[:, None, :, k] for k in range(3))
     p5 = point_mm[:, None, :] - g.d6 * z6
     with np.errstate(invalid="ignore", divide="ignore"):
-        q1 = _shoulder_angle(g, p5, shoulder)
+        q1 = _shoulder_angles(g, p5)
         out = np.stack([np.cos(q1), np.sin(q1), np.zeros_like(q1)], axis=-1)
-        side = np.stack([np.sin(q1), -np.cos(q1), np.zeros_like(q1)], axis=-1)
-        vx, vy, vz = ((axis * side).sum(axis=-1) for axis in (x6, y6, z6))
-        s5 = wrist * np.hypot(vx, vy)
+        side = np.stack([out[..., 1], -out[..., 0], out[..., 2]], axis=-1)
+        vx, vy, vz = (_dot(axis, side)[..., None] for axis in (x6, y6, z6))
+        s5 = _SIGN * np.hypot(vx, vy)
         q5 = np.arctan2(s5, vz)
-        q6 = np.arctan2(-vy * wrist, vx * wrist)
+        q6 = np.arctan2(-vy * _SIGN, vx * _SIGN)
         q6 = np.where(np.abs(s5) < _WRIST_SINGULAR, free_wrist_rad, q6)
         c6, s6 = np.cos(q6)[..., None], np.sin(q6)[..., None]
+        x6, y6, z6, out = x6[:, None], y6[:, None], z6[:, None], out[:, :, None]
         x5, y5 = c6 * x6 - s6 * y6, s6 * x6 + c6 * y6
         x4 = np.cos(q5)[..., None] * x5 - np.sin(q5)[..., None] * z6
-        q234 = np.arctan2(x4[..., 2], (x4 * out).sum(axis=-1))
-        reach = p5 + g.d5 * y5 - np.array([0.0, 0.0, g.d1])
-        q2, q3 = _two_links(g, (reach * out).sum(axis=-1), reach[..., 2], elbow)
-    return np.stack([q1, q2, q3, q234 - q2 - q3, q5, q6], axis=-1)
+        q234 = np.arctan2(x4[..., 2], _dot(x4, out))[..., None]
+        reach = p5[:, None] + g.d5 * y5 - np.array([0.0, 0.0, g.d1])
+        q2, q3 = _two_links(g, _dot(reach, out)[..., None], reach[..., 2:])
+    q1, q5, q6 = q1[..., None, None], q5[..., None], q6[..., None]
+    joints = np.stack(np.broadcast_arrays(q1, q2, q3, q234 - q2 - q3, q5, q6), axis=-1)
+    return joints.reshape(len(rotation), 8, 6)
 
 
-def _shoulder_angle(g: UrGeometry, p5: FloatArray, sign: FloatArray) -> FloatArray:
-    """q1 (N, 8) that leaves the wrist d4 beside the arm's plane; nan if too close."""
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray((a * b).sum(axis=-1))
+
+
+def _shoulder_angles(g: UrGeometry, p5: FloatArray) -> FloatArray:
+    """q1 (N, 2) that leaves the wrist d4 beside the arm's plane; nan if too close."""
     heading = np.arctan2(p5[..., 1], p5[..., 0])
     lean = np.arcsin(g.d4 / np.hypot(p5[..., 0], p5[..., 1]))
-    return np.asarray(np.where(sign > 0, heading + lean, heading + np.pi - lean))
+    return np.concatenate([heading + lean, heading + np.pi - lean], axis=1)
 
 
 def _two_links(
-    g: UrGeometry, x: FloatArray, y: FloatArray, sign: FloatArray
+    g: UrGeometry, x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Shoulder lift and elbow (N, 8) that put the wrist at (x, y); nan out of reach."""
+    """Shoulder lift and elbow (..., 2) that put the wrist at (x, y); nan out of reach."""
     cosine = (x * x + y * y - g.a2**2 - g.a3**2) / (2 * g.a2 * g.a3)
     # Rounding must not lose a stretched arm.
     cosine = np.where(np.abs(cosine) < 1 + 1e-12, np.clip(cosine, -1, 1), cosine)
-    q3 = sign * np.arccos(cosine)
+    q3 = _SIGN * np.arccos(cosine)
     q2 = np.arctan2(y, x) - np.arctan2(g.a3 * np.sin(q3), g.a2 + g.a3 * np.cos(q3))
     return q2, q3
