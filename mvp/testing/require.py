@@ -1,0 +1,66 @@
+"""Checks of the conformance suites; they hold with ``python -O`` as well."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_Error = TypeVar("_Error", bound=BaseException)
+_PATIENCE_S = 20.0
+_POLL_S = 0.001
+
+
+def require(condition: object, message: str) -> None:
+    """Fail the test with a message unless the condition holds."""
+    if not condition:
+        raise AssertionError(message)
+
+
+def refuses(kind: type[_Error], action: Callable[[], object]) -> _Error:
+    """Run an action that must raise ``kind``; returns what was raised."""
+    try:
+        result = action()
+    except kind as error:
+        return error
+    raise AssertionError(f"{kind.__name__} expected, got {result!r}")
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    """Poll until a condition holds, for at most 20 s of the wall's time."""
+    deadline = time.monotonic() + _PATIENCE_S
+    while not condition():
+        require(time.monotonic() < deadline, f"never happened: {what}")
+        time.sleep(_POLL_S)
+
+
+def meanwhile(
+    action: Callable[[], object],
+    ready: Callable[[], bool],
+    interrupt: Callable[[], None],
+) -> BaseException | object:
+    """Run ``action``, call ``interrupt`` from another thread once ``ready``.
+
+    Returns:
+        What the action returned, or the exception that it raised.
+    """
+    outcome: list[BaseException | object] = []
+
+    def run() -> None:
+        try:
+            outcome.append(action())
+        except BaseException as error:
+            outcome.append(error)
+
+    worker = threading.Thread(target=run, name="conformance")
+    worker.start()
+    try:
+        wait_until(lambda: bool(outcome) or ready(), "the device got busy")
+        interrupt()
+    finally:
+        worker.join(_PATIENCE_S)
+    require(not worker.is_alive(), "the action never came back")
+    return outcome[0]

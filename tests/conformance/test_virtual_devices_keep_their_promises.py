@@ -1,0 +1,47 @@
+import math
+
+import pytest
+
+from mvp.devices import Arm, Camera, Lens
+from mvp.testing import (
+    ArmConformance,
+    CameraConformance,
+    LensConformance,
+    VirtualCell,
+    virtual_cell,
+)
+
+HOME = [0.0, -math.pi / 2, math.pi / 2, -math.pi / 2, -math.pi / 2, 0.0]
+
+
+@pytest.fixture(autouse=True)
+def cell(request: pytest.FixtureRequest) -> VirtualCell:
+    request.instance.cell = virtual_cell()
+    return request.instance.cell
+
+
+class TestVirtualArm(ArmConformance):
+    cell: VirtualCell
+
+    def device(self) -> Arm:
+        return self.cell.arm
+
+    def targets(self) -> tuple[list[float], list[float]]:
+        return HOME, [0.4, -1.4, 1.3, -1.5, -1.6, 0.5]
+
+
+class TestVirtualLens(LensConformance):
+    cell: VirtualCell
+
+    def device(self) -> Lens:
+        return self.cell.lens
+
+
+class TestVirtualCamera(CameraConformance):
+    cell: VirtualCell
+
+    def device(self) -> Camera:
+        return self.cell.camera
+
+    def now_s(self) -> float:
+        return self.cell.clock.now_s()
