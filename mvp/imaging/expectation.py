@@ -108,7 +108,9 @@ class ExpectedRim:
         axes_px: (major, minor) full axes of the predicted ellipse.
         blur_px: predicted blur diameter.
         visible: (n,) predicted visibility of the points.
-        contrast: predicted |step| over the brighter grey, nan when no light is known.
+        contrast: (n,) predicted |step| over the brighter grey at the points, nan when
+            no light is known.
+        own: numbers of the CAD edges that make up the rim.
     """
 
     feature: str
@@ -119,7 +121,8 @@ class ExpectedRim:
     axes_px: tuple[float, float]
     blur_px: float
     visible: BoolArray
-    contrast: float = float("nan")
+    contrast: FloatArray
+    own: IntArray
     requirement: Requirement | None = None
     detail_px: float = float("nan")
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.imaging.edge_blocks import BLOCK_PX, BlockSamples, judge_blocks
 from mvp.imaging.edge_fit import StepFit, StepSamples, fit_step, rescaled
 from mvp.imaging.edge_samples import Band, Line, Picture, band_of
 from mvp.imaging.edge_search import find_start
-from mvp.imaging.esf import BLUR_MAX_PX, angle_bin
+from mvp.imaging.esf import BLUR_MAX_PX, angle_bin, spread_at
 from mvp.imaging.expectation import DrawnEdges
 
 if TYPE_CHECKING:
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
 
 WINDOW_PX = 4.0
 SATURATED = 0.975
+FAINT = 0.03
 _CAP = {"feature": 2400, "neighbour": 1200, "auxiliary": 900}
-_BLOCK_PX = 6.0
 _SNR_FOR_SHADING = 10.0
 _SMALLEST_SNR = 4.0
 _FEWEST_PIXELS = 40
@@ -179,13 +180,7 @@ def _fit(
         q_px2=max(blur, 0.7) ** 2,
         shading=False,
     )
-    height = abs(
-        float(
-            np.mean(fit.high - fit.low, axis=0)[0]
-            if fit.high.ndim > 1
-            else fit.high[0] - fit.low[0]
-        )
-    )
+    height = abs(float(fit.high[0] - fit.low[0]))
     if height > _SNR_FOR_SHADING * max(fit.noise, picture.noise):
         fit = fit_step(
             samples,
@@ -211,7 +206,7 @@ class _Blocks:
         return float(self.good.sum() / max(self.judged.sum(), 1))
 
     def good_at(self, s_px: FloatArray) -> BoolArray:
-        index = np.floor((s_px - self.first_px) / _BLOCK_PX).astype(np.int64)
+        index = np.floor((s_px - self.first_px) / BLOCK_PX).astype(np.int64)
         inside = (index >= 0) & (index < len(self.good))
         ok = self.good | ~self.judged
         return np.asarray(inside & ok[np.clip(index, 0, len(ok) - 1)])
@@ -220,50 +215,32 @@ class _Blocks:
 def _blocks(
     line: Line, band: Band, fit: StepFit, picture: Picture, task: EdgeTask
 ) -> _Blocks:
-    """Amplitude and shift of the fitted step in blocks of 6 px."""
-    from mvp.imaging.esf import spread_at
-
+    """The step in blocks along the edge, the first and last 6 px left out."""
     half = line.length_px / 2
-    count = max(int((line.length_px - 2 * _BLOCK_PX) // _BLOCK_PX), 1)
-    first = -count * _BLOCK_PX / 2
-    index = np.floor((band.s_px - first) / _BLOCK_PX).astype(np.int64)
+    count = max(int((line.length_px - 2 * BLOCK_PX) // BLOCK_PX), 1)
+    first = -count * BLOCK_PX / 2
+    index = np.floor((band.s_px - first) / BLOCK_PX).astype(np.int64)
     use = band.clear & (index >= 0) & (index < count)
-    index, s, t, grey = index[use], band.s_px[use], band.t_px[use], band.grey[use]
-    basis = _basis(line, s)
-    bins = np.full(len(s), int(angle_bin(line.across)))
-    spread = spread_at(picture.plane.optics, t - basis @ fit.place, fit.q_px2, bins)
-    contrast = basis @ (fit.high - fit.low)
-    columns = np.stack(
-        [np.ones_like(t), contrast * spread.edge, -contrast * spread.by_t], axis=1
+    basis = _basis(line, band.s_px[use])
+    across = band.t_px[use] - basis @ fit.place
+    bins = np.full(len(across), int(angle_bin(line.across)))
+    samples = BlockSamples(
+        index[use],
+        count,
+        basis @ (fit.high - fit.low),
+        spread_at(picture.plane.optics, across, fit.q_px2, bins),
+        band.grey[use] - basis @ fit.low,
     )
-    level = grey - basis @ fit.low
-    gram = np.zeros((count, 3, 3))
-    right = np.zeros((count, 3))
-    np.add.at(gram, index, columns[:, :, None] * columns[:, None, :])
-    np.add.at(right, index, columns * level[:, None])
-    number = np.bincount(index, minlength=count)
-    gram += np.eye(3) * 1e-9
-    found = np.linalg.solve(gram, right[..., None])[..., 0]
-    residual = level - (columns * found[index]).sum(axis=1)
-    rms = np.sqrt(
-        np.bincount(index, residual**2, minlength=count) / np.maximum(number, 1)
+    judged, good = judge_blocks(
+        samples,
+        noise=picture.noise,
+        blur_px=float(np.sqrt(max(fit.q_px2, 0.0))),
+        height=abs(float(fit.high[0] - fit.low[0])),
     )
-    amplitude = found[:, 1]
-    shift = found[:, 2] / np.where(np.abs(amplitude) > 0.2, amplitude, 0.2)
-    blur = np.sqrt(max(fit.q_px2, 0.0))
-    height = abs(float(fit.high[0] - fit.low[0]))
-    good = (
-        (amplitude > 0.5)
-        & (amplitude < 2.0)
-        & (np.abs(shift) < 1.5 + 0.2 * blur)
-        & (rms < max(4 * picture.noise, 0.25 * height))
-    )
-    places = first + (np.arange(count) + 0.5) * _BLOCK_PX
+    places = first + (np.arange(count) + 0.5) * BLOCK_PX
     share = (places + half) / line.length_px * (len(task.visible) - 1)
-    expected = task.visible[
-        np.clip(np.rint(share).astype(int), 0, len(task.visible) - 1)
-    ]
-    judged = (number >= 12) & expected
+    nearest = np.clip(np.rint(share).astype(int), 0, len(task.visible) - 1)
+    judged &= task.visible[nearest]
     return _Blocks(places, judged, good & judged, first)
 
 
@@ -286,7 +263,7 @@ def _measurement(
     clipped = band.grey[core & band.clear] >= SATURATED
     good = blocks.places_px[blocks.good]
     extent = (
-        (float(good.min()) - _BLOCK_PX / 2, float(good.max()) + _BLOCK_PX / 2)
+        (float(good.min()) - BLOCK_PX / 2, float(good.max()) + BLOCK_PX / 2)
         if len(good)
         else (float("nan"), float("nan"))
     )

@@ -18,7 +18,7 @@ from mvp.imaging.expectation import (
     ViewTolerance,
 )
 from mvp.imaging.measure_plane import ImagePlane
-from mvp.imaging.predict_contrast import LightModel, contrast_along
+from mvp.imaging.predict_contrast import LightModel, contrast_at
 from mvp.imaging.predict_lines import (
     SAMPLES,
     Lines,
@@ -246,9 +246,10 @@ class _Builder:
         places = edge.start_px * (1 - share) + edge.end_px * share
         normals = np.broadcast_to(edge.normal, places.shape)
         away = _CLEAR_OF_EDGE_PX + edge.blur_px / 2
-        return contrast_along(
+        values = contrast_at(
             places, normals, away, stage.light, stage.scene, stage.pose, stage.plane
         )
+        return float(np.median(values))
 
     def _neighbours(
         self, corner_mm: FloatArray, direction: FloatArray | None
@@ -340,6 +341,7 @@ class _Builder:
             stage.plane,
             stage.light,
             stage.requirements.get(feature.id),
+            stage.lines,
         )
 
     def _point(self, feature: Feature) -> ExpectedPoint:

@@ -58,7 +58,7 @@ def greys(
     return out
 
 
-def contrast_along(
+def contrast_at(
     places_px: FloatArray,
     normals_px: FloatArray,
     away_px: float,
@@ -66,8 +66,8 @@ def contrast_along(
     scene: RenderScene,
     part_from_camera: Pose,
     plane: ImagePlane,
-) -> float:
-    """Median |step| over the brighter grey, between both sides of places (n, 2)."""
+) -> FloatArray:
+    """|step| over the brighter grey (n,), between both sides of places (n, 2)."""
     sides = [
         greys(
             places_px + sign * away_px * normals_px,
@@ -79,4 +79,4 @@ def contrast_along(
         for sign in (-1.0, 1.0)
     ]
     brighter = np.maximum(np.maximum(sides[0], sides[1]), 1e-6)
-    return float(np.median(np.abs(sides[1] - sides[0]) / brighter))
+    return np.asarray(np.abs(sides[1] - sides[0]) / brighter)

@@ -7,17 +7,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.imaging.expectation import ExpectedRim, Requirement
-from mvp.imaging.predict_contrast import LightModel, contrast_along
-from mvp.imaging.predict_lines import hidden
+from mvp.imaging.predict_contrast import LightModel, contrast_at
+from mvp.imaging.predict_lines import Lines, hidden
 
 if TYPE_CHECKING:
-    from mvp.geometry import FloatArray, Pose
+    from mvp.geometry import FloatArray, IntArray, Pose
     from mvp.imaging.measure_plane import ImagePlane
     from mvp.imaging.render_scene import RenderScene
     from mvp.scene import Feature
 
 RIM_POINTS = 96
 _LIFT_MM = 0.02
+_ON_RIM_MM = 0.05
 
 
 def expected_rim(
@@ -27,6 +28,7 @@ def expected_rim(
     plane: ImagePlane,
     light: LightModel | None,
     requirement: Requirement | None,
+    lines: Lines,
 ) -> ExpectedRim:
     """Predict the ellipse of a hole feature's rim."""
     outline = np.asarray(feature.outline_mm[0])
@@ -36,10 +38,10 @@ def expected_rim(
     lifted = points + _LIFT_MM * axis
     visible = ~hidden(lifted, scene, part_from_camera) & plane.inside(places)
     blur = float(np.sqrt(np.mean(plane.blur_px(points[:, 2]) ** 2)))
-    contrast = float("nan")
+    contrast = np.full(len(places), np.nan)
     if light is not None:
         normals = outward_normals(places)
-        contrast = contrast_along(
+        contrast = contrast_at(
             places, normals, 1.5 + blur / 2, light, scene, part_from_camera, plane
         )
     detail = float("nan")
@@ -55,9 +57,27 @@ def expected_rim(
         blur,
         visible,
         contrast,
+        _own_lines(lines, part_from_camera.inverse(), centre, axis, radius),
         requirement,
         detail,
     )
+
+
+def _own_lines(
+    lines: Lines,
+    camera_from_part: Pose,
+    centre: FloatArray,
+    axis: FloatArray,
+    radius: float,
+) -> IntArray:
+    """CAD edges both ends of which lie on the circle."""
+    on = np.ones(len(lines.start_mm), dtype=np.bool_)
+    for ends in (lines.start_mm, lines.end_mm):
+        relative = camera_from_part.apply(ends) - centre
+        height = relative @ axis
+        reach = np.linalg.norm(relative - height[:, None] * axis, axis=1)
+        on &= (np.abs(height) < _ON_RIM_MM) & (np.abs(reach - radius) < _ON_RIM_MM)
+    return np.flatnonzero(on).astype(np.int64)
 
 
 def fitted_circle(points: FloatArray) -> tuple[FloatArray, FloatArray, float]:

@@ -39,6 +39,7 @@ from mvp.imaging.verify_edges import (
     faint,
     point_report,
 )
+from mvp.imaging.verify_holes import broken_by_hole, hole_report
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -74,7 +75,8 @@ def verify_view(
         if edge.role == "feature"
     )
     points = tuple(point_report(p, expectation, view) for p in expectation.points)
-    return _judged(expectation, view, exposure, edges, (), points)
+    holes = tuple(hole_report(picture, expectation, view, r) for r in expectation.rims)
+    return _judged(expectation, view, exposure, edges, holes, points)
 
 
 def picture_of(
@@ -101,7 +103,7 @@ def _judged(
 ) -> ViewVerification:
     excess = _excess(expectation, view)
     evidence = Evidence(
-        view.alignment, view.rms_px, excess, _lost(edges), view.share_after
+        view.alignment, view.rms_px, excess, _lost(edges, holes), view.share_after
     )
     verdict, finding = _verdict(expectation, evidence, edges, holes, points)
     return ViewVerification(
@@ -113,7 +115,7 @@ def _judged(
         edges=edges,
         holes=holes,
         points=points,
-        blur=_blur_report(expectation, edges, excess),
+        blur=_blur_report(expectation, edges, holes, excess),
         exposure=exposure,
         registration=_registration(view),
     )
@@ -130,24 +132,30 @@ def _verdict(
     if finding is not None:
         return "fail", finding
     pale = [e.name for e in edges if faint(e) or e.snr < SMALLEST_SNR]
+    pale += [h.feature for h in holes if faint(h) or h.snr < SMALLEST_SNR]
     if pale:
         text = f"{', '.join(pale)}: too little contrast in this light"
         return "not measurable", Finding("low contrast", text)
     for report in edges:
         broken = broken_promises(report, expectation)
         if broken:
-            return "fail", _broken(report, broken)
+            return "fail", _broken(report.name, report.saturated, broken)
+    for hole in holes:
+        broken = broken_by_hole(hole, expectation)
+        if broken:
+            return "fail", _broken(hole.feature, hole.saturated, broken)
     missing = [e.name for e in edges if e.measured_px is None]
     missing += [p.feature for p in points if p.measured_px is None]
+    missing += [h.feature for h in holes if h.measured_px is None]
     if missing:
         text = f"{', '.join(missing)}: an end is not marked by any visible edge"
         return "not measurable", Finding("no end found", text)
     return "pass", None
 
 
-def _broken(report: EdgeReport, broken: list[str]) -> Finding:
-    text = f"{report.name}: " + "; ".join(broken)
-    if report.saturated > SATURATED:
+def _broken(name: str, saturated: float, broken: list[str]) -> Finding:
+    text = f"{name}: " + "; ".join(broken)
+    if saturated > SATURATED:
         return Finding("overexposed", text)
     if "required detail" in text:
         return Finding("resolution", text)
@@ -160,8 +168,12 @@ def _broken(report: EdgeReport, broken: list[str]) -> Finding:
     return Finding("shape", text)
 
 
-def _lost(edges: tuple[EdgeReport, ...]) -> tuple[str, ...]:
-    return tuple(e.name for e in edges if e.visible_fraction < LOST and not faint(e))
+def _lost(
+    edges: tuple[EdgeReport, ...], holes: tuple[HoleReport, ...]
+) -> tuple[str, ...]:
+    lost = [e.name for e in edges if e.visible_fraction < LOST and not faint(e)]
+    lost += [h.feature for h in holes if h.visible_fraction < LOST and not faint(h)]
+    return tuple(lost)
 
 
 def _excess(expectation: ViewExpectation, view: MeasuredView) -> BlurExcess | None:
@@ -184,9 +196,10 @@ def _excess(expectation: ViewExpectation, view: MeasuredView) -> BlurExcess | No
 def _blur_report(
     expectation: ViewExpectation,
     edges: tuple[EdgeReport, ...],
+    holes: tuple[HoleReport, ...],
     excess: BlurExcess | None,
 ) -> BlurReport:
-    values = [e.blur for e in edges if e.blur.measured_px is not None]
+    values = [r.blur for r in (*edges, *holes) if r.blur.measured_px is not None]
 
     def mean(numbers: list[float | None]) -> float | None:
         known = [n for n in numbers if n is not None]
@@ -196,7 +209,7 @@ def _blur_report(
         measured_px=mean([b.measured_px for b in values]),
         low_px=mean([b.low_px for b in values]),
         high_px=mean([b.high_px for b in values]),
-        predicted_px=mean([e.blur.predicted_px for e in edges]),
+        predicted_px=mean([r.blur.predicted_px for r in (*edges, *holes)]),
         c_px=expectation.c_px,
         excess_px2=excess.isotropic_px2 if excess else None,
         directional_px2=excess.directional_px2 if excess else None,

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.imaging.cause import scale_tolerance, shift_tolerance_px
+from mvp.imaging.measure_edges import FAINT
 from mvp.imaging.measure_ends import Crossing, EndPoint, find_end, not_measured
-from mvp.imaging.verify_data import Blur, EdgeReport, PointReport
+from mvp.imaging.verify_data import Blur, EdgeReport, HoleReport, PointReport
 
 if TYPE_CHECKING:
     from mvp.geometry import FloatArray
@@ -23,7 +24,6 @@ SMALLEST_SNR = 5.0
 VISIBLE = 0.9
 LOST = 0.75
 SATURATED = 0.05
-FAINT = 0.03
 _TWO_SIGMA = 1.96
 
 
@@ -155,7 +155,7 @@ def _notes(
     return tuple(notes)
 
 
-def faint(report: EdgeReport) -> bool:
+def faint(report: EdgeReport | HoleReport) -> bool:
     """The light gives it no contrast, by prediction or in the picture."""
     if report.predicted_contrast is not None:
         return report.predicted_contrast < FAINT
@@ -186,7 +186,7 @@ def broken_promises(report: EdgeReport, expectation: ViewExpectation) -> list[st
         broken.append(f"seen on {report.visible_fraction:.0%} of its length")
     if report.saturated > SATURATED:
         broken.append(f"{report.saturated:.0%} of its pixels saturated")
-    if report.blur.measured_px is not None and _too_blurred(report.blur):
+    if report.blur.measured_px is not None and too_blurred(report.blur):
         broken.append(
             f"blur {report.blur.measured_px:.2f} px above {report.blur.c_px:.2f}"
         )
@@ -198,7 +198,8 @@ def broken_promises(report: EdgeReport, expectation: ViewExpectation) -> list[st
     return broken
 
 
-def _too_blurred(blur: Blur) -> bool:
+def too_blurred(blur: Blur) -> bool:
+    """Above the acceptable circle beyond doubt (3 standard deviations)."""
     low, high, measured = blur.low_px, blur.high_px, blur.measured_px
     if low is None or high is None or measured is None:
         return False
