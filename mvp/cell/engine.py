@@ -17,7 +17,7 @@ from mvp.cell.records import Captured, CaptureTimes, Reached, Verified
 from mvp.errors import DeviceFault, MotionStopped
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from mvp.devices import Arm, ArmState, Camera, Clock, Frame, Lens, LensState
     from mvp.planning.plan import PlannedView
@@ -83,6 +83,7 @@ class CellEngine:
         devices: opened devices.
         settle_s: waits after arm and after lens.
         preflight: everything that must hold before the first motion.
+        route: clear waypoints (k, dof) from where the arm stands to a view.
     """
 
     def __init__(
@@ -91,6 +92,7 @@ class CellEngine:
         *,
         settle_s: tuple[float, float],
         preflight: Callable[[], None],
+        route: Callable[[Sequence[float], PlannedView], Iterable[Sequence[float]]],
         exposure: ExposureRule,
         store: PictureStore,
         verifier: Verifier,
@@ -98,6 +100,7 @@ class CellEngine:
         self._devices = devices
         self._settle_s = settle_s
         self._preflight = preflight
+        self._route = route
         self._exposure = exposure
         self._store = store
         self._verifier = verifier
@@ -117,10 +120,14 @@ class CellEngine:
             DeviceError: refused, failed, stopped, or not where it was sent.
         """
         arm = self._devices.arm
-        target = view.joints_rad
-        deadline_s = 2 * arm.duration_s(arm.state().joints, target) + _ARM_SPARE_S
-        self._motion = f"the arm on its way to {view.id}, for up to {deadline_s:.0f} s"
-        state = arm.move_joints(target, timeout_s=deadline_s)
+        state = arm.state()
+        for target in self._route(state.joints, view):
+            expected_s = arm.duration_s(state.joints, target)
+            timeout_s = 2 * expected_s + _ARM_SPARE_S
+            self._motion = f"the arm on its way to {view.id}, for {timeout_s:.0f} s"
+            if self._stopped.is_set():
+                raise MotionStopped("stopped before it moved", device=arm.name)
+            state = arm.move_joints(target, timeout_s=timeout_s)
         self._check_arm(view, state)
         self._motion = ""
         self._arm_standing_s = self._devices.clock.now_s()

@@ -175,7 +175,7 @@ def opened(devices: CellDevices) -> Iterator[dict[str, DeviceInfo]]:
             raise _connect_error(failures)
         yield {role: device.info() for role, device in everyone.items()}
     finally:
-        _close_all(list(everyone.values()))
+        close_all(list(everyone.values()))
 
 
 def try_open(devices: dict[str, Arm | Lens | Camera]) -> dict[str, Exception]:
@@ -193,7 +193,8 @@ def try_open(devices: dict[str, Arm | Lens | Camera]) -> dict[str, Exception]:
     return {role: error for role, error in results.items() if error is not None}
 
 
-def _close_all(devices: list[Arm | Lens | Camera]) -> None:
+def close_all(devices: list[Arm | Lens | Camera]) -> None:
+    """Close every device, then raise the first failure, if any."""
     failures = []
     for device in devices:
         try:

@@ -22,23 +22,6 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Planned:
-    """A plan and what it was made from.
-
-    Attributes:
-        found: the views with their problems and paths; None for a plan read from disk.
-    """
-
-    cell: LoadedCell
-    task: LoadedTask
-    scene: TaskScene
-    arm: ArmSetup
-    factory: ProblemFactory
-    plan: Plan
-    found: Found | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class Setting:
     """Everything planning needs, loaded and checked but not yet searched."""
 
@@ -47,6 +30,15 @@ class Setting:
     scene: TaskScene
     arm: ArmSetup
     factory: ProblemFactory
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """A plan, the views behind it, and what it was made from."""
+
+    setting: Setting
+    plan: Plan
+    found: Found
 
 
 def prepare(cell: LoadedCell, task: LoadedTask) -> Setting:
@@ -130,7 +122,7 @@ def make_plan(
         notes=_notes(setting, found),
         timing_s=watch.timing(),
     )
-    return Planned(cell, task, setting.scene, setting.arm, setting.factory, plan, found)
+    return Planned(setting, plan, found)
 
 
 def _status(found: Found) -> Literal["admissible", "partial", "infeasible"]:

@@ -237,7 +237,7 @@ class Runner:
     def _advance(self) -> None:
         with self._changed:
             self._status = replace(self._status, index=self._status.index + 1)
-        self._tell()
+            self._changed.notify_all()
 
     def _refuse_if_aborted(self) -> None:
         with self._changed:

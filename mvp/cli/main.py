@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 _COMMANDS = (
     "run",
     "plan",
-    "features",
     "check",
     "home",
     "drivers",

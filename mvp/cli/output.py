@@ -32,6 +32,7 @@ class ErrorDocument(FileModel):
     message: str
     hint: str
     folder: str | None = None
+    may_still_move: str | None = None
 
 
 def console() -> Console:
@@ -57,12 +58,20 @@ def print_text(text: str) -> None:
     sys.stdout.flush()
 
 
-def report_error(error: MvpCellError, *, as_json: bool) -> int:
+def report_error(
+    error: MvpCellError,
+    *,
+    as_json: bool,
+    folder: str | None = None,
+    moving: str | None = None,
+) -> int:
     """Tell person and program what went wrong; returns the exit code."""
     lines = console()
     lines.print(f"error: {error.message}", style="bold red", markup=False)
     if error.hint:
         lines.print(f"hint:  {error.hint}", markup=False)
+    if moving:
+        lines.print(f"may still be moving: {moving}", style="bold red", markup=False)
     if as_json:
         print_model(
             ErrorDocument(
@@ -71,7 +80,8 @@ def report_error(error: MvpCellError, *, as_json: bool) -> int:
                 where=error.where,
                 message=error.message,
                 hint=error.hint,
-                folder=getattr(error, "folder", None),
+                folder=folder,
+                may_still_move=moving,
             )
         )
     return error.exit_code

@@ -1,0 +1,31 @@
+"""``mvp-cell drivers``: installed plugins."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from mvp.cli.options import JsonOption
+
+
+def drivers(as_json: JsonOption = False) -> int:
+    """List installed drivers: key, role, who ships them, and why one does not load."""
+    from rich.table import Table
+
+    from mvp.cli.output import console, print_document
+    from mvp.devices import list_drivers
+
+    found = list_drivers()
+    table = Table("driver", "role", "distribution", "version", "error")
+    for entry in found:
+        table.add_row(
+            entry.key, entry.role, entry.distribution, entry.version, entry.error
+        )
+    console().print(table)
+    if as_json:
+        print_document(
+            {
+                "schema": "mvp-cell/drivers/1",
+                "drivers": [asdict(entry) for entry in found],
+            }
+        )
+    return 0

@@ -1,0 +1,91 @@
+"""``mvp-cell run CELL``: plan, drive, capture, verify, record."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mvp.cli.options import (
+    AcceptOption,
+    CellArgument,
+    JsonOption,
+    SeedOption,
+    TaskOption,
+    YesOption,
+)
+
+if TYPE_CHECKING:
+    from mvp.cell.run_job import RunResult
+
+
+def run(
+    cell: CellArgument,
+    task: TaskOption = None,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="parent of the run's folder")
+    ] = Path("runs"),
+    dry: Annotated[
+        bool, typer.Option("--dry-run", help="check the whole plan; nothing moves")
+    ] = False,
+    step: Annotated[
+        bool, typer.Option("--step", help="wait for a key before every view")
+    ] = False,
+    partial: Annotated[
+        bool, typer.Option("--partial", help="run what can be covered")
+    ] = False,
+    part_id: Annotated[
+        str, typer.Option("--part-id", metavar="ID", help="name of this specimen")
+    ] = "",
+    resume: Annotated[
+        str | None,
+        typer.Option("--resume", metavar="RUN", help="go on with a run that broke off"),
+    ] = None,
+    seed: SeedOption = 0,
+    accept_calibration: AcceptOption = "",
+    yes: YesOption = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Plan the views, take the pictures and prove in them that the task was met."""
+    from mvp.cell.hardware import check_driver_configs
+    from mvp.cell.loading import load_cell
+    from mvp.cell.run_job import RunOptions
+    from mvp.cli import run_flow
+
+    loaded = load_cell(cell, accept_calibration=accept_calibration)
+    check_driver_configs(loaded)
+    options = RunOptions(out=out, part_id=part_id, step=step, partial=partial)
+    flow = run_flow.RunFlow(loaded, task, options, seed=seed, yes=yes)
+    if resume is not None:
+        return _finished(flow.resume(resume), as_json)
+    if dry:
+        return flow.dry_run(as_json)
+    return _finished(flow.start(), as_json)
+
+
+def _finished(result: RunResult, as_json: bool) -> int:
+    """Table or document; an early end is an error that names the run's folder."""
+    from mvp.cell.run_document import EXIT_CODES
+    from mvp.cli.output import print_model, report_error
+    from mvp.cli.tables import print_run
+    from mvp.errors import MvpCellError, StoppedByOperator
+
+    document, outcome = result.document, result.outcome
+    print_run(document)
+    if outcome.reason == "completed":
+        if as_json:
+            print_model(document)
+        return EXIT_CODES[document.status]
+    error = outcome.error
+    if outcome.reason == "aborted":
+        error = StoppedByOperator(
+            "stopped by the operator",
+            hint=f"go on with --resume {document.run_id}",
+        )
+    if not isinstance(error, MvpCellError):
+        raise error or RuntimeError("the run ended early without an error")
+    folder = document.folder or ""
+    return report_error(
+        error, as_json=as_json, folder=folder, moving=document.may_still_move
+    )

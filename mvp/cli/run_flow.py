@@ -1,0 +1,121 @@
+"""The person's side of a run: questions, progress, Ctrl-C."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mvp.cell.loading import LoadedCell, load_task
+from mvp.cell.plan_job import Setting, make_plan
+from mvp.cell.report_hook import write_report_if_possible
+from mvp.cell.resume_job import resume_run
+from mvp.cell.run_job import (
+    Motion,
+    RunOptions,
+    RunResult,
+    Watcher,
+    dry_run,
+    require_runnable,
+    start_run,
+)
+from mvp.cell.states import RunState, RunStatus
+from mvp.cli.ask import allow_motion, ask, terminal
+from mvp.cli.output import console, print_model
+from mvp.cli.progress import stages
+from mvp.cli.tables import print_plan, print_run
+from mvp.errors import UsageError
+
+if TYPE_CHECKING:
+    from mvp.cell.runner import Runner
+    from mvp.planning.plan import Plan
+
+_LOOK_EVERY_S = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class RunFlow:
+    """One invocation of ``mvp-cell run``."""
+
+    cell: LoadedCell
+    task: str | None
+    options: RunOptions
+    seed: int
+    yes: bool
+
+    def start(self) -> RunResult:
+        """Plan and run."""
+        self._refuse_step_without_terminal()
+        setting, plan = self._planned()
+        result = start_run(setting, plan, self.options, self._watcher())
+        return self._reported(result)
+
+    def resume(self, run: str) -> RunResult:
+        """Go on with a run that broke off."""
+        self._refuse_step_without_terminal()
+        result = resume_run(self.cell, run, self.options, self._watcher())
+        return self._reported(result)
+
+    def dry_run(self, as_json: bool) -> int:
+        """Plan and check; nothing moves, nothing is kept."""
+        setting, plan = self._planned()
+        require_runnable(setting, plan, partial=self.options.partial)
+        document = dry_run(setting, plan)
+        print_run(document)
+        if as_json:
+            print_model(document)
+        return 0
+
+    def _planned(self) -> tuple[Setting, Plan]:
+        task = load_task(self.cell, self.task)
+        with stages() as tell:
+            planned = make_plan(self.cell, task, seed=self.seed, tell=tell)
+        print_plan(planned.plan)
+        return planned.setting, planned.plan
+
+    def _reported(self, result: RunResult) -> RunResult:
+        page = write_report_if_possible(result.folder.path)
+        if page is not None:
+            console().print(f"report: {page}", markup=False)
+        return result
+
+    def _watcher(self) -> Watcher:
+        return Watcher(self._allow, self._follow, _show)
+
+    def _allow(self, motion: Motion) -> bool:
+        return allow_motion(motion, yes=self.yes)
+
+    def _follow(self, runner: Runner) -> None:
+        """Answer pauses until the run has ended."""
+        while True:
+            status = runner.wait(
+                lambda s: s.state in (RunState.PAUSED, RunState.FINISHED),
+                timeout_s=_LOOK_EVERY_S,
+            )
+            if status.state is RunState.FINISHED:
+                return
+            if status.state is RunState.PAUSED:
+                answer = ask(f"Enter takes {status.view}, q stops: ")
+                if answer.strip().lower().startswith("q"):
+                    runner.abort()
+                    return
+                runner.resume()
+
+    def _refuse_step_without_terminal(self) -> None:
+        if self.options.step and not terminal():
+            raise UsageError(
+                "--step asks before every view, and there is no terminal to ask on",
+                hint="leave out --step, or run it on a terminal",
+            )
+
+
+def _show(status: RunStatus) -> None:
+    if status.view is None:
+        return
+    place = f"{status.view} ({status.index + 1} of {status.total})"
+    if status.state in (
+        RunState.MOVING,
+        RunState.ADJUSTING,
+        RunState.CAPTURING,
+        RunState.VERIFYING,
+    ):
+        console().print(f"  {place}: {status.state.value}", markup=False)
