@@ -38,10 +38,14 @@ def airy_transfer(frequency: FloatArray) -> FloatArray:
 def _inverse_table() -> tuple[FloatArray, FloatArray]:
     radius = np.linspace(0.0, THIRD_RING, 4096)
     energy = encircled_energy(radius)
-    return energy / energy[-1], radius
+    beyond = (1 - energy[-1]) * radius / THIRD_RING
+    return energy + beyond, radius
 
 
 def radius_of_energy(share: FloatArray) -> FloatArray:
-    """Radius (lambda N_w) that holds a share of the light, cut at the third ring."""
+    """Radius (lambda N_w) that holds a share of the light.
+
+    The pattern ends at the third dark ring; the 5 % beyond are laid thinly over it.
+    """
     energy, radius = _inverse_table()
     return np.asarray(np.interp(share, energy, radius))

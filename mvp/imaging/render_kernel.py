@@ -31,6 +31,7 @@ _FINE_ANGLES = 129
 _FINE_HEIGHTS = 97
 _TAIL = 1e-6
 _SUBPIXEL_ERROR = 0.003
+_SHARPEST_PARTS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +86,14 @@ def subpixels_needed(blur_px: float, airy_px: float) -> int:
     """
     nu = np.linspace(0.02, 8.0, 400)
     optical = np.abs(_disc_transfer(nu * blur_px)) * airy_transfer(nu * airy_px)
-    for parts in (1, 2, 3):
+    for parts in (1, 2, 3, 4):
         square = np.sinc(nu / parts)
         gap = np.abs(square - np.exp(-((np.pi * nu / parts) ** 2) / 6))
         inner = np.abs(np.sinc(nu)) / np.maximum(np.abs(square), 0.05)
         error = np.sum(gap * np.minimum(inner, 1.0) * optical / (np.pi * nu)) * nu[0]
         if error < _SUBPIXEL_ERROR:
             return parts
-    return 4
+    return _SHARPEST_PARTS
 
 
 def spread_radius_px(blur_px: FloatArray, airy_px: float, parts: int) -> FloatArray:
@@ -113,8 +114,9 @@ def wedge_tables(
     crossing, u, v = _wedge_grids()
     energy = np.empty((len(blurs), *crossing.shape))
     for k, radius in enumerate(radii):
+        # The rings beyond the radius are laid thinly over it, so that none is lost.
         last = np.interp(radius, grid, outside[k])
-        share = np.where(grid < radius, (outside[k] - last) / (1 - last), 0.0)
+        share = np.where(grid < radius, outside[k] - last * grid / radius, 0.0)
         energy[k] = np.interp(crossing * radius, grid, share, right=0.0)
     running = _running_integral(energy)
     return WedgeTables(radii, _sampled(running, u, v))

@@ -74,6 +74,8 @@ class _Probe:
 def visible_pieces(view: CameraView, margin_px: float) -> Pieces:
     """All visible border pieces within the frame grown by a margin."""
     lines = _projected(view, margin_px)
+    if not len(lines.start):
+        return Pieces(*(np.zeros((0, 2)) for _ in range(3)), np.zeros(0))
     cells = np.maximum(1, np.ceil(lines.length_px / _PROBE_STEP_PX)).astype(np.int64)
     line = np.repeat(np.arange(len(cells)), cells)
     number = np.arange(len(line)) - np.repeat(np.cumsum(cells) - cells, cells)
@@ -82,8 +84,6 @@ def visible_pieces(view: CameraView, margin_px: float) -> Pieces:
     changes = (probe.label[1:] != probe.label[:-1]) & (line[1:] == line[:-1])
     border = _bisected(view, lines, probe, line, middle, np.flatnonzero(changes))
     heads = np.flatnonzero(np.append(True, changes | (line[1:] != line[:-1])))
-    if not len(line):
-        heads = heads[:0]
     tails = np.append(heads[1:], len(line)) - 1
     begin = np.where(number[heads] == 0, 0.0, border[np.maximum(heads - 1, 0)])
     finish = np.where(number[tails] == cells[line[tails]] - 1, 1.0, border[tails])
@@ -108,7 +108,7 @@ def _bisected(
         half = (low + high) / 2
         same = _probe(view, lines, line[changes], half).label == label
         low, high = np.where(same, half, low), np.where(same, high, half)
-    border = np.ones(max(len(line), 1))
+    border = np.ones(len(line))
     border[changes] = (low + high) / 2
     return border
 
@@ -190,7 +190,7 @@ def _grey(
     on_line = directions * depth[:, None]
     other = view.depths(triangles, directions.astype(np.float32))
     there = _on_plane(view, triangles, on_line) | ~np.isfinite(other) | (other <= 0)
-    points = np.where(there[:, None], on_line, directions * other[:, None])
+    points = directions * np.where(there, depth, other)[:, None]
     points = points.astype(np.float32)
     grey = view.shade(triangles, points) * print_albedo(view, triangles, points)
     return grey.astype(np.float64)
