@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points, packages_distributions
+from functools import cache
+from importlib.metadata import EntryPoint, distributions, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol, cast
@@ -165,13 +166,23 @@ def check_own_package() -> None:
             hint=f"install {_OURS} into an environment of its own, and do not start it "
             f"with a folder called {_PACKAGE!r} first on the path",
         )
-    owners = {_plain(name) for name in packages_distributions().get(_PACKAGE, [])}
-    if owners - {_OURS}:
+    others = _owners() - {_OURS}
+    if others:
         raise PluginError(
             f"the package {_PACKAGE!r} was also installed by "
-            f"{', '.join(sorted(owners - {_OURS}))}, which overwrites ours",
+            f"{', '.join(sorted(others))}, which overwrites ours",
             hint=f"install {_OURS} again into an environment of its own",
         )
+
+
+@cache
+def _owners() -> frozenset[str]:
+    """Distributions that installed files into ``drivers``; read once, it takes long."""
+    return frozenset(
+        _plain(owner.name)
+        for owner in distributions()
+        if f"\n{_PACKAGE}/" in "\n" + (owner.read_text("RECORD") or "")
+    )
 
 
 def _plain(name: str) -> str:
