@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 _CAP = 2400
 _SECTORS = 8
 _BINS = 360
+_SECTOR_PX = 14.0
+_LEVEL_SECTORS = 8, 32
 _GUARD_PX = 1.5
 _STRIP_STEP_PX = 0.5
 _FEWEST_PIXELS = 80
@@ -215,11 +217,13 @@ def _sampled(others: DrawnEdges, which: IntArray) -> tuple[FloatArray, FloatArra
     return np.concatenate(places), np.concatenate(guards)
 
 
-def _sector_basis(angle: FloatArray) -> FloatArray:
+def _sector_basis(angle: FloatArray, ellipse: Ellipse) -> FloatArray:
     """Periodic hats (n, sectors): levels may change along the rim."""
-    place = (angle / (2 * np.pi) % 1.0) * _SECTORS
-    away = np.abs(place[:, None] - np.arange(_SECTORS)[None])
-    away = np.minimum(away, _SECTORS - away)
+    low, high = _LEVEL_SECTORS
+    sectors = int(np.clip(ellipse.circumference_px / _SECTOR_PX, low, high))
+    place = (angle / (2 * np.pi) % 1.0) * sectors
+    away = np.abs(place[:, None] - np.arange(sectors)[None])
+    away = np.minimum(away, sectors - away)
     return np.asarray(np.clip(1 - away, 0, None))
 
 
@@ -238,7 +242,7 @@ def _fit(
     samples = StepSamples(
         band.t_px[chosen],
         ellipse.modes(angle),
-        _sector_basis(angle),
+        _sector_basis(angle, ellipse),
         band.grey[chosen],
         band.bins[chosen],
     )
@@ -280,7 +284,7 @@ def _blocks(
 ) -> _Blocks:
     count = max(int(ellipse.circumference_px / BLOCK_PX), 6)
     angle = band.angle[band.clear]
-    basis = _sector_basis(angle)
+    basis = _sector_basis(angle, ellipse)
     across = band.t_px[band.clear] - ellipse.modes(angle) @ fit.place
     contrast = fit.high - fit.low
     bins = band.bins[band.clear]
@@ -302,10 +306,15 @@ def _blocks(
 
 
 def _expected_blocks(rim: ExpectedRim, count: int) -> BoolArray:
-    """Blocks in which the plan sees the rim and the light gives it contrast."""
+    """Blocks in which the plan sees the rim with an even contrast.
+
+    Where the contrast jumps another edge runs into the rim.
+    """
     plan = fitted_ellipse(rim.points_px)
     angle = plan.nearest(rim.points_px)
-    seen = rim.visible & ~(rim.contrast < FAINT)
+    around = np.stack([np.roll(rim.contrast, k) for k in (-2, -1, 0, 1, 2)])
+    jumps = around.max(axis=0) > 2 * around.min(axis=0)
+    seen = rim.visible & ~(rim.contrast < FAINT) & ~jumps
     middle = (np.arange(count) + 0.5) / count * 2 * np.pi
     away = np.abs(np.angle(np.exp(1j * (middle[:, None] - angle[None]))))
     return np.asarray(seen[away.argmin(axis=1)])

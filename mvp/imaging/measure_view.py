@@ -114,8 +114,12 @@ def _aligned(
     count = len(found)
     residual, agrees = np.full(count, np.nan), np.zeros(count, dtype=np.bool_)
     use = [i for i, m in enumerate(found) if m.found]
-    rms, total = float("inf"), alignment
-    if len(use) >= _FEWEST_EDGES:
+    rms, total = _unfitted(expectation, len(use)), alignment
+    if len(use) < _FEWEST_EDGES:
+        for i in use:
+            residual[i] = found[i].offset_px
+            agrees[i] = True
+    else:
         fit = _fit(expectation, alignment, [found[i] for i in use], use)
         total = alignment.then(fit.alignment)
         residual[use] = fit.residual_px
@@ -129,6 +133,12 @@ def _aligned(
     return MeasuredView(
         tuple(found), total, residual, agrees, rms, share, share, coarse
     )
+
+
+def _unfitted(expectation: ViewExpectation, found: int) -> float:
+    """Residual without a fit: none to speak of if the plan has too few edges itself."""
+    expected = sum(not edge.contrast < _FAINT for edge in expectation.edges)
+    return 0.0 if found == expected or expected < _FEWEST_EDGES else float("inf")
 
 
 def _fit(

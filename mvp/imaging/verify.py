@@ -10,44 +10,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.imaging.blur_excess import BlurExcess, blur_excess
-from mvp.imaging.cause import (
-    CHECK_FIRST,
-    Evidence,
-    Finding,
-    exposure_fault,
-    picture_fault,
-)
+from mvp.imaging.cause import CHECK_FIRST, Evidence, Finding, exposure_fault
 from mvp.imaging.edge_samples import Picture
+from mvp.imaging.measure_edges import FAINT
 from mvp.imaging.measure_exposure import feature_exposure
 from mvp.imaging.measure_view import MeasuredView, measure_view
+from mvp.imaging.register_pose import fit_pose
 from mvp.imaging.verify_data import (
     BlurReport,
-    EdgeReport,
     Exposure,
-    HoleReport,
-    PointReport,
     Registration,
-    Verdict,
     ViewVerification,
 )
-from mvp.imaging.verify_edges import (
-    LOST,
-    SATURATED,
-    SMALLEST_SNR,
-    broken_promises,
-    edge_report,
-    faint,
-    point_report,
-)
-from mvp.imaging.verify_holes import broken_by_hole, hole_report
+from mvp.imaging.verify_edges import SATURATED, SMALLEST_SNR, edge_report, point_report
+from mvp.imaging.verify_holes import hole_report
+from mvp.imaging.verify_judge import Reports, judge, remarks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from mvp.geometry import FloatArray
     from mvp.imaging.expectation import ViewExpectation
 
 _CLEAN_MISFIT = 4.0
-_NOTE_OFFSET_PX = 1.0
 
 
 def verify_view(
@@ -76,7 +61,13 @@ def verify_view(
     )
     points = tuple(point_report(p, expectation, view) for p in expectation.points)
     holes = tuple(hole_report(picture, expectation, view, r) for r in expectation.rims)
-    return _judged(expectation, view, exposure, edges, holes, points)
+    reports = Reports(edges, holes, points, _faint_limit(picture, exposure))
+    return _judged(expectation, view, exposure, reports)
+
+
+def _faint_limit(picture: Picture, exposure: Exposure) -> float:
+    """The relative contrast that stands out from the noise at this brightness."""
+    return max(FAINT, SMALLEST_SNR * picture.noise / max(exposure.level_95, 1e-6))
 
 
 def picture_of(
@@ -97,83 +88,26 @@ def _judged(
     expectation: ViewExpectation,
     view: MeasuredView,
     exposure: Exposure,
-    edges: tuple[EdgeReport, ...],
-    holes: tuple[HoleReport, ...],
-    points: tuple[PointReport, ...],
+    reports: Reports,
 ) -> ViewVerification:
     excess = _excess(expectation, view)
     evidence = Evidence(
-        view.alignment, view.rms_px, excess, _lost(edges, holes), view.share_after
+        view.alignment, view.rms_px, excess, reports.lost(), view.share_after
     )
-    verdict, finding = _verdict(expectation, evidence, edges, holes, points)
+    verdict, finding = judge(expectation, evidence, reports)
     return ViewVerification(
         verdict=verdict,
         cause=finding.cause if finding else None,
         explanation=finding.explanation if finding else "every promise was kept",
         check_first=CHECK_FIRST[finding.cause] if finding else "",
-        notes=_notes(edges) if verdict == "pass" else (),
-        edges=edges,
-        holes=holes,
-        points=points,
-        blur=_blur_report(expectation, edges, holes, excess),
+        notes=remarks(reports) if verdict == "pass" else (),
+        edges=reports.edges,
+        holes=reports.holes,
+        points=reports.points,
+        blur=_blur_report(expectation, reports, excess),
         exposure=exposure,
-        registration=_registration(view),
+        registration=_registration(expectation, view),
     )
-
-
-def _verdict(
-    expectation: ViewExpectation,
-    evidence: Evidence,
-    edges: tuple[EdgeReport, ...],
-    holes: tuple[HoleReport, ...],
-    points: tuple[PointReport, ...],
-) -> tuple[Verdict, Finding | None]:
-    finding = picture_fault(evidence, expectation)
-    if finding is not None:
-        return "fail", finding
-    pale = [e.name for e in edges if faint(e) or e.snr < SMALLEST_SNR]
-    pale += [h.feature for h in holes if faint(h) or h.snr < SMALLEST_SNR]
-    if pale:
-        text = f"{', '.join(pale)}: too little contrast in this light"
-        return "not measurable", Finding("low contrast", text)
-    for report in edges:
-        broken = broken_promises(report, expectation)
-        if broken:
-            return "fail", _broken(report.name, report.saturated, broken)
-    for hole in holes:
-        broken = broken_by_hole(hole, expectation)
-        if broken:
-            return "fail", _broken(hole.feature, hole.saturated, broken)
-    missing = [e.name for e in edges if e.measured_px is None]
-    missing += [p.feature for p in points if p.measured_px is None]
-    missing += [h.feature for h in holes if h.measured_px is None]
-    if missing:
-        text = f"{', '.join(missing)}: an end is not marked by any visible edge"
-        return "not measurable", Finding("no end found", text)
-    return "pass", None
-
-
-def _broken(name: str, saturated: float, broken: list[str]) -> Finding:
-    text = f"{name}: " + "; ".join(broken)
-    if saturated > SATURATED:
-        return Finding("overexposed", text)
-    if "required detail" in text:
-        return Finding("resolution", text)
-    if "seen on" in text:
-        return Finding("occlusion", text)
-    if "blur" in text:
-        return Finding("defocus", text)
-    if "beside" in text:
-        return Finding("misalignment", text)
-    return Finding("shape", text)
-
-
-def _lost(
-    edges: tuple[EdgeReport, ...], holes: tuple[HoleReport, ...]
-) -> tuple[str, ...]:
-    lost = [e.name for e in edges if e.visible_fraction < LOST and not faint(e)]
-    lost += [h.feature for h in holes if h.visible_fraction < LOST and not faint(h)]
-    return tuple(lost)
 
 
 def _excess(expectation: ViewExpectation, view: MeasuredView) -> BlurExcess | None:
@@ -195,11 +129,11 @@ def _excess(expectation: ViewExpectation, view: MeasuredView) -> BlurExcess | No
 
 def _blur_report(
     expectation: ViewExpectation,
-    edges: tuple[EdgeReport, ...],
-    holes: tuple[HoleReport, ...],
+    reports: Reports,
     excess: BlurExcess | None,
 ) -> BlurReport:
-    values = [r.blur for r in (*edges, *holes) if r.blur.measured_px is not None]
+    measured = (*reports.edges, *reports.holes)
+    values = [r.blur for r in measured if r.blur.measured_px is not None]
 
     def mean(numbers: list[float | None]) -> float | None:
         known = [n for n in numbers if n is not None]
@@ -209,7 +143,7 @@ def _blur_report(
         measured_px=mean([b.measured_px for b in values]),
         low_px=mean([b.low_px for b in values]),
         high_px=mean([b.high_px for b in values]),
-        predicted_px=mean([r.blur.predicted_px for r in (*edges, *holes)]),
+        predicted_px=mean([r.blur.predicted_px for r in measured]),
         c_px=expectation.c_px,
         excess_px2=excess.isotropic_px2 if excess else None,
         directional_px2=excess.directional_px2 if excess else None,
@@ -217,8 +151,14 @@ def _blur_report(
     )
 
 
-def _registration(view: MeasuredView) -> Registration:
+def _registration(expectation: ViewExpectation, view: MeasuredView) -> Registration:
     alignment, coarse = view.alignment, view.coarse
+    agree = [i for i, ok in enumerate(view.agrees) if ok]
+    pose = fit_pose(
+        [expectation.edges[i] for i in agree],
+        [view.found[i].line for i in agree],
+        expectation.plane,
+    )
     return Registration(
         shift_px=(alignment.shift_x_px, alignment.shift_y_px),
         roll_deg=float(np.rad2deg(alignment.roll_rad)),
@@ -229,19 +169,14 @@ def _registration(view: MeasuredView) -> Registration:
         searched=coarse is not None,
         match=coarse.score if coarse else None,
         match_unmoved=coarse.score_unmoved if coarse else None,
+        position_mm=_three(pose.position_mm) if pose else None,
+        angle_deg=_three(np.rad2deg(pose.rotvec_rad)) if pose else None,
+        pose_residual_px=pose.residual_px if pose else None,
     )
 
 
-def _notes(edges: tuple[EdgeReport, ...]) -> tuple[str, ...]:
-    notes = []
-    for report in edges:
-        offset = abs(report.offset_px or 0.0)
-        if offset > _NOTE_OFFSET_PX:
-            notes.append(
-                f"{report.name} lies {offset:.1f} px beside its place, within the"
-                f" tolerance of {report.allowed_offset_px:.1f} px"
-            )
-    return tuple(notes)
+def _three(values: FloatArray) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])
 
 
 def _unmeasured(

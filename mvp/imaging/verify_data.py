@@ -138,8 +138,9 @@ class Registration:
         found_after: the same after registration.
         searched: a search over shift, roll and scale was needed.
         match, match_unmoved: correlation score at the best place and at the plan's.
-        position_mm, angle_deg: shift and turn of the camera against the part that
-            explain the edge offsets best, when they can.
+        position_mm: motion of the part along the planned camera's axes, and
+        angle_deg: its turn about them, that explain the edge offsets best.
+        pose_residual_px: root mean square of what such a motion leaves.
     """
 
     shift_px: tuple[float, float]
@@ -153,6 +154,7 @@ class Registration:
     match_unmoved: float | None = None
     position_mm: tuple[float, float, float] | None = None
     angle_deg: tuple[float, float, float] | None = None
+    pose_residual_px: float | None = None
 
 
 @dataclass(frozen=True)

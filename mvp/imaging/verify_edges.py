@@ -155,10 +155,10 @@ def _notes(
     return tuple(notes)
 
 
-def faint(report: EdgeReport | HoleReport) -> bool:
-    """The light gives it no contrast, by prediction or in the picture."""
+def faint(report: EdgeReport | HoleReport, limit: float = FAINT) -> bool:
+    """The light gives it no contrast above ``limit``, by prediction or as seen."""
     if report.predicted_contrast is not None:
-        return report.predicted_contrast < FAINT
+        return report.predicted_contrast < limit
     return report.step is None and report.snr < SMALLEST_SNR
 
 

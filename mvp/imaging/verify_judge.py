@@ -1,0 +1,122 @@
+"""The verdict: one cause for the whole picture, or the first broken promise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mvp.imaging.cause import Evidence, Finding, picture_fault
+from mvp.imaging.verify_edges import (
+    LOST,
+    SATURATED,
+    SMALLEST_SNR,
+    broken_promises,
+    faint,
+)
+from mvp.imaging.verify_holes import broken_by_hole
+
+if TYPE_CHECKING:
+    from mvp.imaging.expectation import ViewExpectation
+    from mvp.imaging.verify_data import EdgeReport, HoleReport, PointReport, Verdict
+
+_NOTE_OFFSET_PX = 1.0
+
+
+@dataclass(frozen=True)
+class Reports:
+    """All features of a view as measured, and the contrast that is too little."""
+
+    edges: tuple[EdgeReport, ...]
+    holes: tuple[HoleReport, ...]
+    points: tuple[PointReport, ...]
+    faint_below: float
+
+    def lost(self) -> tuple[str, ...]:
+        """Features that should stand out and are not seen on three quarters."""
+        lost = [e.name for e in self.edges if self._hidden(e)]
+        return tuple(lost + [h.feature for h in self.holes if self._hidden(h)])
+
+    def pale(self) -> tuple[str, ...]:
+        """Features without contrast, as predicted or as seen."""
+        pale = [e.name for e in self.edges if self._pale(e)]
+        return tuple(pale + [h.feature for h in self.holes if self._pale(h)])
+
+    def unmeasured(self) -> tuple[str, ...]:
+        """Features whose size or place was not found."""
+        missing = [e.name for e in self.edges if e.measured_px is None]
+        missing += [h.feature for h in self.holes if h.measured_px is None]
+        return tuple(
+            missing + [p.feature for p in self.points if p.measured_px is None]
+        )
+
+    def _hidden(self, report: EdgeReport | HoleReport) -> bool:
+        return report.visible_fraction < LOST and not faint(report, self.faint_below)
+
+    def _pale(self, report: EdgeReport | HoleReport) -> bool:
+        return faint(report, self.faint_below) or report.snr < SMALLEST_SNR
+
+
+def judge(
+    expectation: ViewExpectation, evidence: Evidence, reports: Reports
+) -> tuple[Verdict, Finding | None]:
+    """A pass needs every promise measured and kept."""
+    finding = picture_fault(evidence, expectation) or _first_broken(
+        expectation, reports
+    )
+    if finding is not None:
+        return "fail", finding
+    pale = reports.pale()
+    if pale:
+        text = f"{', '.join(pale)}: too little contrast in this light"
+        return "not measurable", Finding("low contrast", text)
+    missing = reports.unmeasured()
+    if missing:
+        text = f"{', '.join(missing)}: an end is not marked by any visible edge"
+        return "not measurable", Finding("no end found", text)
+    return "pass", None
+
+
+def _first_broken(expectation: ViewExpectation, reports: Reports) -> Finding | None:
+    pale = reports.pale()
+    for edge in reports.edges:
+        broken = broken_promises(edge, expectation)
+        if broken and edge.name not in pale:
+            return _named(edge.name, edge.saturated, broken)
+    for hole in reports.holes:
+        broken = broken_by_hole(hole, expectation)
+        if broken and hole.feature not in pale:
+            return _named(hole.feature, hole.saturated, broken)
+    for point in reports.points:
+        if point.offset_px is not None and point.offset_px > point.allowed_offset_px:
+            text = f"{point.feature}: {point.offset_px:.1f} px beside its place"
+            return Finding("misalignment", text)
+    return None
+
+
+def _named(name: str, saturated: float, broken: list[str]) -> Finding:
+    text = f"{name}: " + "; ".join(broken)
+    if saturated > SATURATED:
+        return Finding("overexposed", text)
+    if "required detail" in text:
+        return Finding("resolution", text)
+    if "seen on" in text:
+        return Finding("occlusion", text)
+    if "blur" in text:
+        return Finding("defocus", text)
+    if "beside" in text:
+        return Finding("misalignment", text)
+    return Finding("shape", text)
+
+
+def remarks(reports: Reports) -> tuple[str, ...]:
+    """What is worth knowing about a pass."""
+    notes = []
+    for report in (*reports.edges, *reports.holes):
+        offset = abs(report.offset_px or 0.0)
+        if offset > _NOTE_OFFSET_PX:
+            name = getattr(report, "name", report.feature)
+            notes.append(
+                f"{name} lies {offset:.1f} px beside its place, within the"
+                f" tolerance of {report.allowed_offset_px:.1f} px"
+            )
+    return tuple(notes)
