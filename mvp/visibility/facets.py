@@ -11,8 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from mvp.geometry import FloatArray, IntArray
 
-_CELLS_AT_ONCE = 1 << 21
-_FIRST_GUESS = 3
+_CELLS_AT_ONCE = 1 << 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +52,17 @@ class FacetSet:
     inward: FloatArray
 
     @cached_property
-    def _bounds(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Half sizes and middles of the bounding boxes, and plane offsets."""
-        low, high = self.triangles_mm.min(axis=1), self.triangles_mm.max(axis=1)
-        offsets = np.einsum("md,md->m", self.inward, self.triangles_mm.mean(axis=1))
-        return (high - low) / 2, (high + low) / 2, offsets
+    def _frames(self) -> _Frames:
+        return _Frames.of(self.triangles_mm)
+
+    @cached_property
+    def _groups(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+        """Triangles in order of their facets; start, size and name of each facet."""
+        order = np.argsort(self.facet_of, kind="stable")
+        names, starts, sizes = np.unique(
+            self.facet_of[order], return_index=True, return_counts=True
+        )
+        return order, starts, sizes, names
 
     def nearest(self, points_mm: FloatArray, k: int, far_mm: float) -> FacetDistances:
         """The k nearest facets of points (N, 3); missing ones at ``far_mm``."""
@@ -76,71 +81,112 @@ class FacetSet:
     def _nearest_block(
         self, points: FloatArray, k: int, result: FacetDistances, into: slice
     ) -> None:
-        """Fill one block of rows: exact distances wherever a bound allows a hit."""
-        lower = self._lower_bounds(points)
-        rows, columns = np.nonzero(lower <= self._kth_bound(points, lower, k)[:, None])
-        towards, distance = self._towards(points, rows, columns)
-        facet = self.facet_of[columns]
-        order = np.lexsort((distance, facet, rows))
-        rows, columns, facet = rows[order], columns[order], facet[order]
-        towards, distance = towards[order], distance[order]
-        best = _starts(rows, facet)
-        rows, columns, facet = rows[best], columns[best], facet[best]
-        towards, distance = towards[best], distance[best]
-        order = np.lexsort((distance, rows))
-        rows, columns, facet = rows[order], columns[order], facet[order]
-        towards, distance = towards[order], distance[order]
-        rank = np.arange(len(rows)) - np.searchsorted(rows, rows, side="left")
-        use = rank < k
-        at = (rows[use] + into.start, rank[use])
-        result.distance_mm[at] = distance[use]
-        result.facet[at] = facet[use]
-        result.direction[at] = _directions(
-            towards[use], distance[use], self.inward[columns[use]]
+        """Fill one block of rows."""
+        order, starts, _, names = self._groups
+        squared = self._frames.squared_distances(points)[:, order]
+        best = np.minimum.reduceat(squared, starts, axis=1)
+        count = min(k, best.shape[1])
+        chosen = np.argpartition(best, count - 1, axis=1)[:, :count]
+        rank = np.argsort(np.take_along_axis(best, chosen, axis=1), axis=1)
+        chosen = np.take_along_axis(chosen, rank, axis=1)
+        triangle = order[self._closest_members(squared, chosen)]
+        towards = from_closest(
+            np.repeat(points, count, axis=0), self.triangles_mm[triangle]
+        )
+        distance = np.sqrt(_dot(towards, towards))
+        shape = chosen.shape
+        result.distance_mm[into, :count] = distance.reshape(shape)
+        result.facet[into, :count] = names[chosen]
+        result.direction[into, :count] = _directions(
+            towards, distance, self.inward[triangle]
+        ).reshape(*shape, 3)
+
+    def _closest_members(self, squared: FloatArray, chosen: IntArray) -> IntArray:
+        """The closest triangle (N k,), in facet order, of each chosen facet (N, k)."""
+        _, starts, sizes, _ = self._groups
+        first, size = starts[chosen].reshape(-1), sizes[chosen].reshape(-1)
+        pair = np.repeat(np.arange(len(first)), size)
+        begin = np.cumsum(size) - size
+        member = first[pair] + np.arange(len(pair)) - begin[pair]
+        values = squared[pair // chosen.shape[1], member]
+        order = np.lexsort((values, pair))
+        return np.asarray(member[order[begin]])
+
+
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """Planes of triangles, and of each side the line and the way across it.
+
+    Attributes:
+        normal: (3, m) unit normals.
+        height: (m,) plane offsets.
+        along: (3, 3, m) unit vector of side s, as columns.
+        along_start: (3, m) where side s begins on it.
+        length: (3, m) of side s.
+        across: (3, 3, m) unit vector in the plane, pointing inward over side s.
+        across_start: (3, m) where side s lies on it.
+    """
+
+    normal: FloatArray
+    height: FloatArray
+    along: FloatArray
+    along_start: FloatArray
+    length: FloatArray
+    across: FloatArray
+    across_start: FloatArray
+
+    @classmethod
+    def of(cls, triangles: FloatArray) -> _Frames:
+        """Frames of triangles (m, 3, 3); degenerate ones become segments."""
+        sides = np.roll(triangles, -1, axis=1) - triangles
+        length = np.linalg.norm(sides, axis=2)
+        rows = np.arange(len(triangles))
+        longest = length.argmax(axis=1)
+        axis = _normalised(sides[rows, longest], np.array([1.0, 0.0, 0.0]))
+        other = np.eye(3)[np.abs(axis).argmin(axis=1)]
+        fallback = _normalised(np.cross(axis, other), other)
+        normal = _normalised(np.cross(axis, sides[rows, (longest + 1) % 3]), fallback)
+        along = _normalised(sides.reshape(-1, 3), np.repeat(axis, 3, axis=0)).reshape(
+            sides.shape
+        )
+        across = np.cross(normal[:, None], along)
+        return cls(
+            np.ascontiguousarray(normal.T),
+            np.einsum("md,md->m", normal, triangles[:, 0]),
+            np.ascontiguousarray(along.transpose(1, 2, 0)),
+            np.einsum("msd,msd->sm", along, triangles),
+            np.ascontiguousarray(length.T),
+            np.ascontiguousarray(across.transpose(1, 2, 0)),
+            np.einsum("msd,msd->sm", across, triangles),
         )
 
-    def _lower_bounds(self, points: FloatArray) -> FloatArray:
-        """(N, m): no point of the triangle is nearer than this, mm."""
-        half, middle, offsets = self._bounds
-        squared = np.zeros((len(points), len(half)))
-        for axis in range(3):
-            gap = np.abs(points[:, None, axis] - middle[None, :, axis]) - half[:, axis]
-            np.maximum(gap, 0, out=gap)
-            squared += gap * gap
-        plane = np.abs(points @ self.inward.T - offsets)
-        return np.asarray(np.maximum(np.sqrt(squared), plane) * (1 - 1e-9) - 1e-9)
-
-    def _kth_bound(self, points: FloatArray, lower: FloatArray, k: int) -> FloatArray:
-        """(N,): at least k facets, or all, are nearer than this, mm."""
-        count = min(lower.shape[1], _FIRST_GUESS * k + 4)
-        guess = np.argpartition(lower, count - 1, axis=1)[:, :count]
-        rows = np.repeat(np.arange(len(points)), count)
-        distance = self._towards(points, rows, guess.reshape(-1))[1]
-        facet = self.facet_of[guess.reshape(-1)]
-        order = np.lexsort((distance, facet, rows))
-        best = order[_starts(rows[order], facet[order])]
-        best = best[np.lexsort((distance[best], rows[best]))]
-        rank = np.arange(len(best)) - np.searchsorted(rows[best], rows[best], "left")
-        bound = np.full(len(points), np.inf)
-        kth = rank == k - 1
-        bound[rows[best[kth]]] = distance[best[kth]]
-        return bound
-
-    def _towards(
-        self, points: FloatArray, rows: IntArray, columns: IntArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Vectors (p, 3) from the closest points of triangles, and their lengths."""
-        towards = from_closest(points[rows], self.triangles_mm[columns])
-        return towards, np.sqrt(np.einsum("pd,pd->p", towards, towards))
+    def squared_distances(self, points: FloatArray) -> FloatArray:
+        """Squared distance (n, m) of points (n, 3) to all triangles, mm^2."""
+        outline = np.full((len(points), len(self.height)), np.inf)
+        outside = np.zeros(outline.shape, dtype=np.bool_)
+        for side in range(3):
+            over = points @ self.along[side]
+            over -= self.along_start[side]
+            over -= np.clip(over, 0.0, self.length[side])
+            aside = points @ self.across[side]
+            aside -= self.across_start[side]
+            outside |= aside < 0
+            over *= over
+            aside *= aside
+            over += aside
+            np.minimum(outline, over, out=outline)
+        outline[~outside] = 0.0
+        height = points @ self.normal
+        height -= self.height
+        height *= height
+        outline += height
+        return outline
 
 
-def _starts(*keys: IntArray) -> IntArray:
-    """Where a run of equal keys begins; keys are sorted together."""
-    new = np.ones(len(keys[0]), dtype=np.bool_)
-    new[1:] = False
-    for key in keys:
-        new[1:] |= key[1:] != key[:-1]
-    return np.flatnonzero(new)
+def _normalised(vectors: FloatArray, fallback: FloatArray) -> FloatArray:
+    """Unit vectors (m, 3), the fallback where there is no length."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(length > 1e-12, vectors / np.maximum(length, 1e-300), fallback)
 
 
 def _directions(
