@@ -95,14 +95,27 @@ class JointSamples:
 def joint_samples(
     count: int, optics: PupilOptics, *, defocus: bool = True, diffraction: bool = True
 ) -> JointSamples:
-    """A Sobol set of ``count`` (a power of 2) samples on distinct rows and columns."""
-    unit = qmc.Sobol(6, scramble=False).random(count) + 0.5 / count
+    """A Sobol set of ``count`` samples (a power of 2), each with its opposite.
+
+    Opposites keep the mean of every part at zero, so that few samples do not shift the
+    picture; the places within the pixel still lie on distinct rows and columns.
+    """
+    half = count // 2
+    unit = qmc.Sobol(6, scramble=False).random(half) + 0.5 / half
     pupil = _disc(np.sqrt(unit[:, 2]) * optics.a_mm / 2, unit[:, 3])
     radius = radius_of_energy(unit[:, 4]) * optics.airy_unit_mm
     airy = _disc(radius, unit[:, 5])
+    # A quarter step off the lattice keeps a place and its opposite on different rows.
+    pixel = unit[:, :2] - 0.5 + 0.25 / half
     return JointSamples(
-        unit[:, :2] - 0.5, pupil * float(defocus), airy * float(diffraction)
+        _with_opposites(pixel),
+        _with_opposites(pupil * float(defocus)),
+        _with_opposites(airy * float(diffraction)),
     )
+
+
+def _with_opposites(values: FloatArray) -> FloatArray:
+    return np.concatenate([values, -values])
 
 
 def _disc(radius: FloatArray, turn: FloatArray) -> FloatArray:

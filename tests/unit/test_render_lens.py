@@ -122,7 +122,7 @@ def test_diffraction_alone_gives_the_airy_profile_of_the_working_aperture() -> N
     ).sum(axis=1)
     # The 5 % of the light beyond the third dark ring are drawn nearer than they fall.
     gap = np.abs(profile - share)
-    assert gap[np.abs(place) < 4].max() < 0.008
+    assert gap[np.abs(place) < 1].max() < 0.006
     assert gap.max() < 0.02
 
 
