@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.constraints.clearance import CameraClearance
+from mvp.constraints.reach import Reach
 from mvp.geometry import Box, TriangleMesh
 from mvp.kinematics import (
     Capsule,
     CellBodies,
     Placement,
-    camera_rotation,
     obstacles,
     tool_from_camera_at,
 )
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from mvp.optics import Views
 
 _QUICK_ROLLS = 12
-_AT_ONCE = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,36 +80,38 @@ class ArmSetup:
             targets_part_mm=targets_part_mm,
         )
 
+    @cached_property
+    def _reach(self) -> Reach:
+        found = self.cell.calibrations
+        return Reach(
+            self.cell.arm,
+            found.base_from_part,
+            found.tool_from_camera,
+            found.hand_eye.reference_d_mm,
+            self.cell.joint_margin,
+            rolls=_QUICK_ROLLS if self.free_roll else 0,
+        )
+
+    @cached_property
+    def _camera_clearance(self) -> CameraClearance:
+        found = self.cell.calibrations
+        return CameraClearance(
+            self.bodies.tool_bodies,
+            self.bodies.obstacles,
+            found.base_from_part,
+            found.tool_from_camera,
+            found.hand_eye.reference_d_mm,
+        )
+
+    def reachable_and_clear(self, views: Views) -> BoolArray:
+        """``reachable``, and the camera itself touches nothing at its own roll."""
+        good = self.reachable(views)
+        left = np.flatnonzero(good)
+        if len(left):
+            distance = self._camera_clearance.distances_mm(views[left])
+            good[left] = distance >= self.clearance_mm
+        return good
+
     def reachable(self, views: Views) -> BoolArray:
         """Which views some roll and branch of the arm can take, (N,); no clearance."""
-        found = [
-            self._reachable(views[start : start + _AT_ONCE])
-            for start in range(0, len(views), _AT_ONCE)
-        ]
-        return np.concatenate(found) if found else np.zeros(0, dtype=bool)
-
-    def _reachable(self, views: Views) -> BoolArray:
-        arm, found = self.cell.arm, self.cell.calibrations
-        part, hand = found.base_from_part, found.tool_from_camera
-        asked = views.rotation[:, None]
-        if self.free_roll:
-            turn = np.linspace(0, 2 * np.pi, _QUICK_ROLLS, endpoint=False)
-            asked = camera_rotation(views.direction[:, None], turn[None])
-        cameras = part.rotation @ asked
-        given = arm.camera_rotations(cameras[:, 0, :, 2], cameras, hand.rotation)
-        reference = found.hand_eye.reference_d_mm
-        moved = np.zeros(len(views)) if reference is None else views.d_mm - reference
-        pupil = part.apply(views.position_mm) - moved[:, None] * cameras[:, 0, :, 2]
-        tools = given @ hand.rotation.T
-        flange = pupil[:, None] - tools @ hand.translation_mm
-        count = len(views) * tools.shape[1]
-        joints, exists = arm.inverse_batch(
-            tools.reshape(count, 3, 3),
-            flange.reshape(count, 3),
-            near=self.cell.home_joints,
-        )
-        low = arm.joint_low + self.cell.joint_margin
-        high = arm.joint_high - self.cell.joint_margin
-        with np.errstate(invalid="ignore"):
-            inside = ((joints >= low) & (joints <= high)).all(axis=-1) & exists
-        return np.asarray(inside.reshape(len(views), -1).any(axis=1))
+        return self._reach.reachable(views)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -90,6 +90,27 @@ def load_calibrations(
         _pose(paths["part_pose"], part_pose, "base", "part"),
         {name: sha256_of(path) for name, path in paths.items()},
         accepted,
+    )
+
+
+def with_part_pose(
+    found: Calibrations, path: Path, *, simulated: bool, accept_reason: str = ""
+) -> Calibrations:
+    """The same cell with another part in it.
+
+    Raises:
+        CalibrationError: unreadable, foreign or too poor.
+    """
+    model = _read(path, "part_pose", RigidCalibration)
+    if model.provenance.simulated and not simulated:
+        raise _foreign(path, "part_pose")
+    accepted = _judge(path, "part_pose", model.quality, accept_reason)
+    return replace(
+        found,
+        part_pose=model,
+        base_from_part=_pose(path, model, "base", "part"),
+        sha256=found.sha256 | {"part_pose": sha256_of(path)},
+        accepted=found.accepted | accepted,
     )
 
 

@@ -169,7 +169,7 @@ class CellConfig(FileModel):
 
     @model_validator(mode="after")
     def _names_and_world(self) -> Self:
-        names = [b.name for b in (*self.fixtures, *self.keep_outs)]
+        names = [f.name for f in self.fixtures] + [k.name for k in self.keep_outs]
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
             raise ValueError(f'two fixtures or keep-outs are called "{twice[0]}"')

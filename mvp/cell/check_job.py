@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     from mvp.cell.engine import CellDevices
     from mvp.cell.loading import LoadedCell, LoadedTask
-    from mvp.devices import DeviceInfo
+    from mvp.devices import Device, DeviceInfo
 
 CHECK_SCHEMA: Literal["mvp-cell/check/1"] = "mvp-cell/check/1"
 
@@ -52,7 +53,11 @@ def check_cell(cell: LoadedCell, task: LoadedTask) -> CheckDocument:
         for name in cell.calibrations.sha256
     ]
     devices = build_for(setting)
-    roles = {"arm": devices.arm, "lens": devices.lens, "camera": devices.camera}
+    roles: dict[str, Device] = {
+        "arm": devices.arm,
+        "lens": devices.lens,
+        "camera": devices.camera,
+    }
     try:
         failures = try_open(roles)
         infos = {}
@@ -62,11 +67,12 @@ def check_cell(cell: LoadedCell, task: LoadedTask) -> CheckDocument:
                 continue
             infos[role] = device.info()
             items.append(_answered(role, infos[role]))
-            items.append(_attempt(f"{role} state", lambda r=role: _STATES[r](devices)))
+            state = partial(_STATES[role], devices)
+            items.append(_attempt(f"{role} state", state))
         if not failures:
             items.append(_attempt("calibrated devices", lambda: _serials(cell, infos)))
     finally:
-        close_all(list(roles.values()))
+        close_all(roles.values())
     passed = all(item.passed for item in items)
     return CheckDocument(cell=cell.config.name, passed=passed, items=items)
 

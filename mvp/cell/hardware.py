@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from mvp.cell.engine import CellDevices
 from mvp.cell.toml_file import config_error
@@ -26,15 +26,16 @@ from mvp.devices import (
     load_world,
 )
 from mvp.errors import CalibrationError, ConnectError, DeviceError, PluginError
+from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
     from mvp.cell.loading import LoadedCell
     from mvp.devices import Device, Role
     from mvp.geometry import TriangleMesh
 
-_Model = TypeVar("_Model", bound=BaseModel)
+_Model = TypeVar("_Model", bound=FileModel)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +78,9 @@ def check_driver_configs(cell: LoadedCell) -> None:
     Raises:
         ConfigError, PluginError: as for ``build_devices``.
     """
-    for role in ("arm", "lens", "camera"):
-        _driver_config(cell, cast("Role", role))
+    roles: tuple[Role, ...] = ("arm", "lens", "camera")
+    for role in roles:
+        _driver_config(cell, role)
     if cell.config.world is not None:
         _world_config(cell)
 
@@ -95,7 +97,7 @@ def _device(cell: LoadedCell, role: Role, context: DeviceContext) -> Device:
     return driver.from_config(_driver_config(cell, role), context, name=role)
 
 
-def _driver_config(cell: LoadedCell, role: Role) -> BaseModel:
+def _driver_config(cell: LoadedCell, role: Role) -> FileModel:
     reference = getattr(cell.config, role)
     try:
         driver = load_driver(reference.driver, role)
@@ -116,7 +118,7 @@ def _options(
         raise config_error(cell.source, model, error, (table,)) from error
 
 
-def _world_config(cell: LoadedCell) -> BaseModel:
+def _world_config(cell: LoadedCell) -> FileModel:
     world = cell.config.world
     if world is None:
         raise ValueError("this cell has no world")
@@ -138,7 +140,7 @@ def _world(cell: LoadedCell, bodies: WorldBodies | None, clock: Clock) -> object
         raise ValueError("a cell with a world needs the bodies to put into it")
     config = _world_config(cell)
     belief = _belief(cell, bodies)
-    return load_world(world.kind).from_config(config, belief, clock=clock)  # type: ignore[arg-type]
+    return load_world(world.kind).from_config(config, belief, clock=clock)
 
 
 def _belief(cell: LoadedCell, bodies: WorldBodies) -> WorldBelief:
@@ -164,7 +166,7 @@ def opened(devices: CellDevices) -> Iterator[dict[str, DeviceInfo]]:
     Raises:
         ConnectError: somebody does not answer; every dead device is named.
     """
-    everyone = {
+    everyone: dict[str, Device] = {
         "arm": devices.arm,
         "lens": devices.lens,
         "camera": devices.camera,
@@ -175,10 +177,10 @@ def opened(devices: CellDevices) -> Iterator[dict[str, DeviceInfo]]:
             raise _connect_error(failures)
         yield {role: device.info() for role, device in everyone.items()}
     finally:
-        close_all(list(everyone.values()))
+        close_all(everyone.values())
 
 
-def try_open(devices: dict[str, Arm | Lens | Camera]) -> dict[str, Exception]:
+def try_open(devices: Mapping[str, Device]) -> dict[str, Exception]:
     """Open all devices in parallel; failures by role, nothing raised."""
 
     def attempt(device: Device) -> Exception | None:
@@ -193,7 +195,7 @@ def try_open(devices: dict[str, Arm | Lens | Camera]) -> dict[str, Exception]:
     return {role: error for role, error in results.items() if error is not None}
 
 
-def close_all(devices: list[Arm | Lens | Camera]) -> None:
+def close_all(devices: Iterable[Device]) -> None:
     """Close every device, then raise the first failure, if any."""
     failures = []
     for device in devices:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mvp.cell.calibrations import Calibrations, load_calibrations
+from mvp.cell.calibrations import (
+    Calibrations,
+    load_calibrations,
+    with_part_pose,
+)
 from mvp.cell.cell_config import CellConfig
 from mvp.cell.places import find_cell, find_task, home_of, inside, sha256_of
 from mvp.cell.task_config import TaskConfig
@@ -39,6 +43,23 @@ class LoadedCell:
     calibrations: Calibrations
     fixture_files: dict[str, Path]
     sha256: str
+    accept_calibration: str = ""
+
+    def holding(self, task: LoadedTask) -> LoadedCell:
+        """The cell with the task's part where the task says it lies.
+
+        Raises:
+            CalibrationError: the task's part pose cannot be used.
+        """
+        if task.pose_file is None:
+            return self
+        calibrations = with_part_pose(
+            self.calibrations,
+            task.pose_file,
+            simulated=self.config.simulated,
+            accept_reason=self.accept_calibration,
+        )
+        return replace(self, calibrations=calibrations)
 
     @property
     def folder(self) -> Path:
@@ -100,6 +121,7 @@ class LoadedTask:
     source: TomlFile
     part_file: Path
     sha256: str
+    pose_file: Path | None = None
 
 
 def load_cell(cell: str, *, accept_calibration: str = "") -> LoadedCell:
@@ -128,9 +150,9 @@ def load_cell(cell: str, *, accept_calibration: str = "") -> LoadedCell:
         accept_reason=accept_calibration,
     )
     sha256 = sha256_of(source.path, *files.values())
-    cell = LoadedCell(config, source, calibrations, files, sha256)
-    _ = cell.home_joints  # a wrong arm model or home is an error of the file
-    return cell
+    loaded = LoadedCell(config, source, calibrations, files, sha256, accept_calibration)
+    _ = loaded.home_joints  # a wrong arm model or home is an error of the file
+    return loaded
 
 
 def read_cell(cell: str) -> tuple[TomlFile, CellConfig]:
@@ -157,7 +179,11 @@ def load_task(cell: LoadedCell, task: str | None) -> LoadedTask:
     config = validated(source, TaskConfig)
     where = f"{source.where(('part', 'file'))}: part.file"
     part = inside(home_of(path), path.parent, config.part.file, where)
-    return LoadedTask(config, source, part, sha256_of(path))
+    pose = None
+    if config.part.pose is not None:
+        where = f"{source.where(('part', 'pose'))}: part.pose"
+        pose = inside(home_of(path), path.parent, config.part.pose, where)
+    return LoadedTask(config, source, part, sha256_of(path), pose)
 
 
 def combined_sha256(hashes: dict[str, str]) -> str:

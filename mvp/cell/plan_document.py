@@ -35,7 +35,10 @@ class ViewWriter:
         view, problem = realised.view, realised.problem
         table = RowTable.of(problem)
         found = margins(problem, table, view, table.index(view)[0])
-        written = {kind: _margin(m) for kind, m in found.items()}
+        written: dict[str, Margin] = {
+            kind: _margin(m, hard=kind in problem.hard_kinds)
+            for kind, m in found.items()
+        }
         written |= self._arm_margins(realised)
         pose = realised.arm.part_from_camera
         exposure = self.factory.task.config.exposure
@@ -70,10 +73,12 @@ class ViewWriter:
     def _arm_margins(self, realised: RealisedView) -> dict[str, Margin]:
         reach, nearest = realised.arm.reach, realised.arm.nearest
         asked_mm = self.factory.cell.config.kinematics.clearance_mm
-        asked_deg = self.factory.cell.config.kinematics.joint_margin_deg
+        asked = self.factory.cell.config.kinematics.joint_margin_deg
+        if reach.label not in self.factory.cell.arm.joint_names:
+            asked = 0.0  # an end of reach is no joint limit
         return {
             "reach": Margin(
-                value=reach.value - asked_deg,
+                value=reach.value - asked,
                 unit=reach.unit,
                 normalised=None,
                 row=reach.label,
@@ -135,23 +140,20 @@ def not_covered(failed: Failed) -> list[NotCovered]:
     ]
 
 
-def _margin(found: KindMargin) -> Margin:
+def _margin(found: KindMargin, *, hard: bool) -> Margin:
+    """A hard bound must hold, but no stated error moves it: it has no sigmas."""
     return Margin(
         value=None if found.unbounded else found.value,
         unit=found.unit,
-        normalised=found.index,
+        normalised=None if hard else found.index,
         unbounded=found.unbounded,
         row=found.row,
     )
 
 
 def _binding(written: dict[str, Margin]) -> str:
-    """The requirement with the smallest normalised margin; hard bounds have none."""
-    indexed = {
-        kind: m.normalised
-        for kind, m in written.items()
-        if m.normalised is not None and kind != "lens_range"
-    }
+    """The requirement with the smallest normalised margin."""
+    indexed = {k: m.normalised for k, m in written.items() if m.normalised is not None}
     return min(indexed, key=lambda kind: indexed[kind])
 
 

@@ -47,6 +47,7 @@ def prepare(cell: LoadedCell, task: LoadedTask) -> Setting:
     Raises:
         GeometryError, FeatureError: the part or a feature cannot be used.
     """
+    cell = cell.holding(task)
     scene = build_scene(cell, task)
     free_roll = (
         task.config.planning.field_of_view == "circle"

@@ -142,15 +142,18 @@ class ViewFinder:
         region = self.factory.common_region(features)
         if region.empty:
             return Failed(tuple(features), _unseen(features, region), "visibility")
-        failure: Failed | None = None
-        for tube_mm in self.factory.tubes_mm():
+        mounted, *others = self.factory.tubes_mm()
+        failure = self._with_tube(features, region, mounted, trial=trial)
+        if isinstance(failure, RealisedView) or trial:
+            return failure
+        for tube_mm in others:
+            if not _may_help(failure, tube_mm - mounted):
+                continue
             outcome = self._with_tube(features, region, tube_mm, trial=trial)
             if isinstance(outcome, RealisedView):
                 return outcome
-            if failure is None or (failure.problem is None and outcome.problem):
+            if failure.problem is None and outcome.problem is not None:
                 failure = outcome
-        if failure is None:
-            raise ValueError("there is always at least the mounted tube")
         return failure
 
     def _with_tube(
@@ -175,6 +178,17 @@ class ViewFinder:
                 problem, starts=_TRIAL_STARTS, candidates=_TRIAL_CANDIDATES
             )
         self.tell(f"search for {_names(features)}")
+        outcome = self._searched(features, problem, tube_mm)
+        if isinstance(outcome, Failed) and outcome.kind == "reach" and not trial:
+            self.tell(f"search for {_names(features)}, camera clear of everything")
+            clear = replace(problem, accept=self.arm.reachable_and_clear)
+            again = self._searched(features, clear, tube_mm)
+            return again if isinstance(again, RealisedView) else outcome
+        return outcome
+
+    def _searched(
+        self, features: Sequence[Feature], problem: PlanningProblem, tube_mm: float
+    ) -> RealisedView | Failed:
         found = attempt(problem, seed=self.seed)
         admissible = [s for s in found.solutions if s.status == "admissible"]
         if not admissible:
@@ -244,6 +258,14 @@ class ViewFinder:
                 return f"face {face + 1} of {mesh.name}"
             face -= count
         return f"face {face + 1}"
+
+
+def _may_help(failed: Failed, longer_mm: float) -> bool:
+    """Whether another tube could be the cure: d is what holds the view back."""
+    if failed.kind == "lens_range":
+        return True
+    held = set() if failed.nearest is None else set(failed.nearest.duals.bounds)
+    return ("d_max" if longer_mm > 0 else "d_min") in held
 
 
 def _inadmissible(

@@ -14,10 +14,14 @@ _SHORTEST_MM = 1e-6
 
 
 class PartRef(FileModel):
-    """The CAD file, relative to the task file."""
+    """The CAD file, relative to the task file.
+
+    ``pose`` names a part-pose calibration of this part; the cell's own is used without.
+    """
 
     file: str = Field(min_length=1)
     units: Literal["mm", "in", "m"] | None = None
+    pose: str | None = None
 
 
 class Resolution(FileModel):

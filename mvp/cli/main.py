@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import traceback
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _COMMANDS = (
     "run",
     "plan",
+    "features",
     "check",
     "home",
     "drivers",
@@ -32,7 +33,7 @@ _COMMANDS = (
 
 # typer carries its own copy of click from some version on; BadParameter is a
 # UsageError is a ClickException in both.
-_CLICK_ERROR = typer.BadParameter.__mro__[2]
+_CLICK_ERROR = cast("type[Exception]", typer.BadParameter.__mro__[2])
 
 
 def _version(asked: bool) -> None:
@@ -114,11 +115,12 @@ def _dispatch(arguments: list[str]) -> int:
     except typer.Abort as error:
         raise StoppedByOperator("stopped by the operator") from error
     except _CLICK_ERROR as error:
+        message = str(getattr(error, "format_message", lambda: error)())
         if type(error).__name__ == "NoArgsIsHelpError":
-            typer.echo(error.format_message(), err=True)
+            typer.echo(message, err=True)
             return UsageError.exit_code
         raise UsageError(
-            error.format_message(), hint=_usage_hint(error), where="command line"
+            message, hint=_usage_hint(error), where="command line"
         ) from error
     return result if isinstance(result, int) else 0
 
