@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, NoReturn, Self
 
 import numpy as np
 from pydantic import Field
@@ -53,6 +53,7 @@ class VirtualArm:
         self._stop = threading.Event()
         self._open = False
         self._moving = False
+        self._tripped = False
 
     @classmethod
     def from_config(
@@ -132,6 +133,7 @@ class VirtualArm:
             LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
         """
         self._require_open()
+        self._refuse_when_tripped()
         target = self._checked(joints)
         fraction = self._fraction(speed_fraction)
         deadline = self._clock.now_s() + timeout_s
@@ -214,7 +216,7 @@ class VirtualArm:
         if end > deadline:
             self._late()
 
-    def _late(self) -> None:
+    def _late(self) -> NoReturn:
         self._world.stop_arm(self._clock.now_s())
         self._stand_still()
         raise DeviceTimeout(
@@ -236,19 +238,22 @@ class VirtualArm:
         state = self.state()
         if np.abs(np.array(state.joints) - target).max() <= _ARRIVED:
             return state
-        faults = self._world.faults.arm
-        if faults.protective_stop_after_s is not None:
+        if self._world.faults.arm.protective_stop_after_s is not None:
+            self._tripped = True
+            self._refuse_when_tripped()
+        # It stalled: nothing more will happen before the deadline.
+        while (left := deadline - self._clock.now_s()) > 0:
+            if self._clock.wait(self._stop, left):
+                raise MotionStopped("stopped while it moved", device=self.name)
+        self._late()
+
+    def _refuse_when_tripped(self) -> None:
+        """A protective stop lasts until somebody has cleared its cause."""
+        self._tripped &= self._world.faults.arm.protective_stop_after_s is not None
+        if self._tripped:
             raise DeviceFault(
                 "protective stop",
                 device=self.name,
                 code="C153A0",
                 hint="look what it touched, release it on the pendant, then recover",
             )
-        # It stalled: nothing more will happen before the deadline.
-        never = threading.Event()
-        while (left := deadline - self._clock.now_s()) > 0:
-            self._clock.wait(self._stop if not self._stop.is_set() else never, left)
-            if self._stop.is_set():
-                raise MotionStopped("stopped while it moved", device=self.name)
-        self._late()
-        return state

@@ -240,7 +240,7 @@ class VirtualCamera:
             start_s - faults.stamp_ahead_s,
             self._exposure_s * faults.exposure_factor,
             gain=self._gain,
-            index=frame_id,
+            index=self._delivered,
         )
         self._last_id = frame_id
         self._delivered += 1

@@ -127,12 +127,16 @@ class Faults(FileModel):
 
 
 class WorldSettings(FileModel):
-    """The keys of ``[world]`` beside ``kind`` and ``clock_speed``."""
+    """The keys of ``[world]`` beside ``kind`` and ``clock_speed``.
+
+    ``tube_mm``: the extension tube that is truly on the lens; left out, the one that
+    the cell names.
+    """
 
     seed: int = Field(default=1, ge=0)
     part_albedo: float = Field(default=0.8, gt=0, le=1)
     fixture_albedo: float = Field(default=0.4, gt=0, le=1)
-    tube_mm: NotNegative = 0.0
+    tube_mm: NotNegative | None = None
     errors: WorldErrors = Field(default_factory=WorldErrors)
     light: LightSettings = Field(default_factory=LightSettings)
     sensor: SensorSettings = Field(default_factory=SensorSettings)

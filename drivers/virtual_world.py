@@ -77,7 +77,8 @@ class VirtualWorld:
         self._scene: RenderScene | None = None
         self._pictures: dict[bytes, RenderedImage] = {}
         self.arm = History(np.array(belief.start_joints, dtype=np.float64))
-        self.lens = LensTruth.of(belief.lens_table, tube_mm=settings.tube_mm)
+        tube = belief.mounted_tube_mm if settings.tube_mm is None else settings.tube_mm
+        self.lens = LensTruth.of(belief.lens_table, tube_mm=tube)
         if len(self.arm.first) != self.model.dof:
             raise ConfigError(
                 f"{belief.arm_model} has {self.model.dof} axes, "

@@ -29,6 +29,7 @@ class WorldBelief:
         tool_from_camera: hand-eye at ``reference_d_mm``.
         reference_d_mm: lens setting of the hand-eye result, mm.
         base_from_part: where the part lies.
+        mounted_tube_mm: extension tube that is on the lens now.
     """
 
     part: TriangleMesh
@@ -40,6 +41,7 @@ class WorldBelief:
     tool_from_camera: Pose
     reference_d_mm: float
     base_from_part: Pose
+    mounted_tube_mm: float = 0.0
 
 
 class WorldClass(Protocol):

@@ -97,7 +97,7 @@ UR_FAMILY: dict[str, UrGeometry] = {
 }
 
 _LIMIT = np.radians([360.0, 360.0, 180.0, 360.0, 360.0, 360.0])
-_ACCELERATION = np.radians(800.0)
+_ACCELERATION_RAD_S2 = 1.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +141,8 @@ class UrArm:
 
     @property
     def joint_acceleration(self) -> FloatArray:
-        """(6,) rad/s^2, the controller's default for fast joint moves."""
-        return np.full(6, _ACCELERATION)
+        """(6,) rad/s^2, the controller's default for joint moves."""
+        return np.full(6, _ACCELERATION_RAD_S2)
 
     @property
     def levers_mm(self) -> FloatArray:
