@@ -21,6 +21,7 @@ _ITERATIONS = 14
 _LARGEST_STEP_PX = 1.5
 _Q_LOW = -1.5
 _RIDGE = 1e-10
+_NEGLIGIBLE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +117,7 @@ def fit_step(
         )
         small = bool(np.abs(step).max() < 1e-4)
         if trial.cost <= state.cost:
+            small |= state.cost - trial.cost < _NEGLIGIBLE * state.cost
             state, damping = trial, max(damping / 10, 1e-7)
             if small:
                 converged = True
@@ -149,11 +151,13 @@ def _state(
         parts += [across * (1 - edge), across * edge]
     columns = np.concatenate(parts, axis=1)
     gram = columns.T @ columns
-    gram[np.diag_indices_from(gram)] += _RIDGE * len(columns)
+    gram.flat[:: len(gram) + 1] += _RIDGE * len(columns)
     linear = np.linalg.solve(gram, columns.T @ samples.grey)
-    residual = samples.grey - columns @ linear
+    residual = np.asarray(samples.grey - columns @ linear, np.float64)
     cost = float(residual @ residual)
-    return _State(place, q_px2, cost, columns, linear, residual, spread)
+    return _State(
+        place, q_px2, cost, columns, np.asarray(linear, np.float64), residual, spread
+    )
 
 
 def _contrast(samples: StepSamples, state: _State) -> FloatArray:
@@ -173,7 +177,7 @@ def _projected_jacobian(samples: StepSamples, state: _State) -> FloatArray:
     by_q = (contrast * state.spread.by_q)[:, None]
     jacobian = np.concatenate([by_place, by_q], axis=1)
     gram = state.columns.T @ state.columns
-    gram[np.diag_indices_from(gram)] += _RIDGE * len(jacobian)
+    gram.flat[:: len(gram) + 1] += _RIDGE * len(jacobian)
     inside = np.linalg.solve(gram, state.columns.T @ jacobian)
     return np.asarray(jacobian - state.columns @ inside)
 
@@ -196,7 +200,7 @@ def _result(samples: StepSamples, state: _State, converged: bool) -> StepFit:
     freedom = max(len(samples.grey) - unknowns, 1)
     variance = state.cost / freedom
     gram = jacobian.T @ jacobian
-    gram[np.diag_indices_from(gram)] += 1e-12
+    gram.flat[:: len(gram) + 1] += 1e-12
     return StepFit(
         place=state.place,
         q_px2=state.q_px2,

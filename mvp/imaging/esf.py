@@ -17,6 +17,7 @@ from scipy.special import j1
 
 if TYPE_CHECKING:
     from mvp.geometry import FloatArray, IntArray
+from mvp.imaging.diffraction import airy_transfer
 
 STEP_PX = 1 / 16
 HALF_SPAN_PX = 40.0
@@ -71,6 +72,8 @@ def spread_at(
     optics: Optics, t_px: FloatArray, q_px2: float, bins: IntArray
 ) -> SpreadValues:
     """Evaluate at signed distances t (n,) from the edge, one blur, bins (n,)."""
+    if len(bins) and (bins == bins[0]).all():
+        return SpreadValues(*_one_angle(optics, t_px, q_px2, int(bins[0])))
     out = np.empty((3, len(t_px)))
     for index in np.unique(bins):
         chosen = bins == index
@@ -89,23 +92,25 @@ def _one_angle(
     place = np.clip((t_px + HALF_SPAN_PX) / STEP_PX, 0, edge.shape[1] - 1.001)
     left = place.astype(np.int64)
     part = place - left
-    pair = np.stack([edge[node], edge[node + 1], line[node], line[node + 1]])
-    e0, e1, l0, l1 = pair[:, left] * (1 - part) + pair[:, left + 1] * part
-    return np.stack(
-        [e0 + weight * (e1 - e0), l0 + weight * (l1 - l0), (e1 - e0) / (high - low)]
+    change = edge[node + 1] - edge[node]
+    rows = (
+        edge[node] + weight * change,
+        line[node] + weight * (line[node + 1] - line[node]),
+        change / (high - low),
     )
+    return np.stack([row[left] + part * (row[left + 1] - row[left]) for row in rows])
 
 
 @lru_cache(maxsize=64)
 def _tables(optics: Optics, index: int) -> tuple[FloatArray, FloatArray]:
     """Edge and line spread (blur nodes, t nodes) for one orientation."""
     count = round(2 * HALF_SPAN_PX / STEP_PX)
-    frequency = np.fft.rfftfreq(count, STEP_PX)
+    frequency = np.asarray(np.fft.rfftfreq(count, STEP_PX), np.float64)
     angle = index / (_ANGLE_BINS - 1) * np.pi / 2
     fixed = (
         np.sinc(frequency * optics.pixel_x_px * np.cos(angle))
         * np.sinc(frequency * np.sin(angle))
-        * _diffraction(frequency * optics.diffraction_px)
+        * airy_transfer(frequency * optics.diffraction_px)
     )
     line = np.fft.irfft(_disc_transfer() * fixed, n=count, axis=1) / STEP_PX
     line = np.fft.fftshift(line, axes=1)
@@ -126,9 +131,3 @@ def _disc_transfer() -> FloatArray:
     x = np.pi * blur[:, None] * frequency[None]
     safe = np.where(x > 1e-6, x, 1.0)
     return np.asarray(np.where(x > 1e-6, 2 * j1(safe) / safe, 1.0))
-
-
-def _diffraction(relative: FloatArray) -> FloatArray:
-    """Transfer of a circular pupil without aberration; relative = nu / cut-off."""
-    x = np.clip(relative, 0.0, 1.0)
-    return np.asarray(2 / np.pi * (np.arccos(x) - x * np.sqrt(1 - x * x)))

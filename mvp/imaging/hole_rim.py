@@ -197,7 +197,7 @@ def _clear_range(
     first = np.floor((angle / (2 * np.pi) % 1.0) * _BINS).astype(np.int64)
     widest = int(np.ceil(float(guard.max(initial=0.0)) * per_px))
     for step in range(-widest, widest + 1):
-        reached = np.abs(step) <= np.ceil(guard * per_px)
+        reached = np.flatnonzero(np.ceil(guard * per_px) >= abs(step))
         place = (first[reached] + step) % _BINS
         at, half = t[reached], guard[reached]
         np.minimum.at(outer, place, np.where(at > -half, at - half, np.inf))

@@ -237,7 +237,7 @@ def _blocks(
         blur_px=float(np.sqrt(max(fit.q_px2, 0.0))),
         height=abs(float(fit.high[0] - fit.low[0])),
     )
-    places = first + (np.arange(count) + 0.5) * BLOCK_PX
+    places = np.asarray(first + (np.arange(count) + 0.5) * BLOCK_PX, np.float64)
     share = (places + half) / line.length_px * (len(task.visible) - 1)
     nearest = np.clip(np.rint(share).astype(int), 0, len(task.visible) - 1)
     judged &= task.visible[nearest]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
@@ -19,6 +18,15 @@ from mvp.imaging.expectation import (
 )
 from mvp.imaging.measure_plane import ImagePlane
 from mvp.imaging.predict_contrast import LightModel, contrast_at
+from mvp.imaging.predict_geometry import (
+    SAME_PLACE_MM,
+    cropped,
+    cross,
+    detail_px,
+    distance_mm,
+    on_line,
+    straight_segments,
+)
 from mvp.imaging.predict_lines import (
     SAMPLES,
     Lines,
@@ -40,12 +48,12 @@ if TYPE_CHECKING:
     from mvp.optics import Intrinsics
     from mvp.scene import Feature
 
-_SAME_PLACE_MM = 0.05
 _CROP_PX = 90.0
 _SHORTEST_NEIGHBOUR_PX = 8.0
 _SHORTEST_AUXILIARY_PX = 20.0
 _SMALLEST_CROSSING = np.sin(np.deg2rad(15.0))
 _SMOOTH_DEG = 40.0
+_FAINT = 0.08
 _CLEAR_OF_EDGE_PX = 1.5
 
 
@@ -114,13 +122,10 @@ def expect_view(
     """
     plane = ImagePlane(intrinsics, f_mm, d_mm, a_mm, e_mm)
     scene = RenderScene([RenderBody(mesh)])
-    lines = Lines(
-        edges.start_mm, edges.end_mm, edges.normal_a, edges.normal_b, edges.convex
-    )
+    lines = _lines(edges)
     seen = sight(lines, scene, part_from_camera, plane)
-    stage = _Stage(
-        scene, part_from_camera, plane, light, lines, seen, requirements or {}
-    )
+    promised = requirements or {}
+    stage = _Stage(scene, part_from_camera, plane, light, lines, seen, promised)
     builder = _Builder(stage)
     rims, points = builder.add_features(features)
     builder.add_auxiliary(auxiliary)
@@ -132,6 +137,12 @@ def expect_view(
         drawn=_all_drawn(stage, mesh),
         rims=rims,
         points=points,
+    )
+
+
+def _lines(edges: EdgeList) -> Lines:
+    return Lines(
+        edges.start_mm, edges.end_mm, edges.normal_a, edges.normal_b, edges.convex
     )
 
 
@@ -179,7 +190,7 @@ class _Builder:
         segments = [
             (a, b)
             for line in feature.outline_mm
-            for a, b in _straight_segments(np.asarray(line))
+            for a, b in straight_segments(np.asarray(line))
         ]
         for number, (a, b) in enumerate(segments):
             name = feature.id if len(segments) == 1 else f"{feature.id}:{number + 1}"
@@ -189,7 +200,7 @@ class _Builder:
         self, feature: str, name: str, a_mm: FloatArray, b_mm: FloatArray
     ) -> ExpectedEdge:
         stage = self.stage
-        along = _on_line(stage.lines, a_mm, b_mm)
+        along = on_line(stage.lines, a_mm, b_mm)
         for line_number in np.flatnonzero(along):
             self._used.add(int(line_number))
             self._feature_lines.setdefault(int(line_number), len(self.edges))
@@ -235,7 +246,7 @@ class _Builder:
             visible=seen.visible[index, first : last + 1],
             requirement=requirement,
         )
-        detail = _detail_px(edge, self.stage.plane) if requirement else float("nan")
+        detail = detail_px(edge, self.stage.plane) if requirement else float("nan")
         return replace(edge, contrast=self._contrast(edge), detail_px=detail)
 
     def _contrast(self, edge: ExpectedEdge) -> float:
@@ -256,7 +267,7 @@ class _Builder:
     ) -> tuple[int, ...]:
         """Edges that run through a corner, measured near it."""
         stage = self.stage
-        touching = np.flatnonzero(_distance_mm(stage.lines, corner_mm) < _SAME_PLACE_MM)
+        touching = np.flatnonzero(distance_mm(stage.lines, corner_mm) < SAME_PLACE_MM)
         found: list[int] = []
         for line in touching:
             own = self._feature_lines.get(int(line))
@@ -267,7 +278,7 @@ class _Builder:
                     number = self._neighbour(int(line), corner_mm, toward_end)
                 if number is None:
                     continue
-                crossing = _cross(self.edges[number].direction, direction)
+                crossing = cross(self.edges[number].direction, direction)
                 if crossing > _SMALLEST_CROSSING:
                     found.append(number)
         return tuple(sorted(set(found)))
@@ -312,25 +323,31 @@ class _Builder:
                 _CROP_PX / edge.length_px,
             )
         )
-        self.edges.append(_cropped(edge, low, high, self.stage.plane))
+        self.edges.append(cropped(edge, low, high, self.stage.plane))
         return len(self.edges) - 1
 
     def add_auxiliary(self, count: int) -> None:
         """The longest visible runs that are not measured yet."""
         seen = self.stage.seen
         candidates = []
-        for line in np.flatnonzero(seen.visible.sum(axis=1) > 2):
-            if int(line) in self._used:
+        for number in np.flatnonzero(seen.visible.sum(axis=1) > 2):
+            line = int(number)
+            if line in self._used:
                 continue
             for run in runs(seen.visible[line]):
                 places = seen.places_px[line, [run[0], run[1]]]
                 length = float(np.linalg.norm(places[1] - places[0]))
                 if length > _SHORTEST_AUXILIARY_PX:
-                    candidates.append((-length, int(line), run))
-        for _, line, run in sorted(candidates)[:count]:
+                    candidates.append((-length, line, run))
+        wanted = len(self.edges) + count
+        for _, line, run in sorted(candidates):
+            if len(self.edges) == wanted:
+                break
             edge = self._edge(f"edge {line + 1}", "", "auxiliary", seen, line, run)
             half = min(_CROP_PX / edge.length_px, 1.0) / 2
-            self.edges.append(_cropped(edge, 0.5 - half, 0.5 + half, self.stage.plane))
+            edge = cropped(edge, 0.5 - half, 0.5 + half, self.stage.plane)
+            if not edge.contrast < _FAINT:
+                self.edges.append(edge)
 
     def _rim(self, feature: Feature) -> ExpectedRim:
         stage = self.stage
@@ -354,84 +371,3 @@ class _Builder:
             neighbours=self._neighbours(part, None),
             blur_px=float(self.stage.plane.blur_px(camera[2])),
         )
-
-
-def _straight_segments(
-    polyline_mm: FloatArray,
-) -> list[tuple[FloatArray, FloatArray]]:
-    """Maximal straight segments of a polyline (n, 3)."""
-    points = [polyline_mm[0]]
-    for a, b in itertools.pairwise(polyline_mm):
-        before, after = a - points[-1], b - a
-        size = np.linalg.norm(before) * np.linalg.norm(after)
-        if np.linalg.norm(np.cross(before, after)) > 1e-6 * size or before @ after < 0:
-            points.append(a)
-    points.append(polyline_mm[-1])
-    return list(itertools.pairwise(points))
-
-
-def _on_line(lines: Lines, a_mm: FloatArray, b_mm: FloatArray) -> BoolArray:
-    """Which CAD edges overlap the segment a-b along one line."""
-    along = lines.end_mm - lines.start_mm
-    length = np.maximum(np.linalg.norm(along, axis=1), 1e-12)
-    unit = along / length[:, None]
-    off = []
-    places = []
-    for point in (a_mm, b_mm):
-        relative = point - lines.start_mm
-        place = np.einsum("ki,ki->k", relative, unit)
-        off.append(np.linalg.norm(relative - place[:, None] * unit, axis=1))
-        places.append(place)
-    low, high = np.minimum(*places), np.maximum(*places)
-    overlap = np.minimum(high, length) - np.maximum(low, 0.0)
-    return np.asarray((np.maximum(*off) < _SAME_PLACE_MM) & (overlap > _SAME_PLACE_MM))
-
-
-def _distance_mm(lines: Lines, point_mm: FloatArray) -> FloatArray:
-    """Distance of a point from every line segment, (k,) mm."""
-    along = lines.end_mm - lines.start_mm
-    square = np.maximum(np.einsum("ki,ki->k", along, along), 1e-12)
-    relative = point_mm - lines.start_mm
-    place = np.clip(np.einsum("ki,ki->k", relative, along) / square, 0, 1)
-    return np.asarray(np.linalg.norm(relative - place[:, None] * along, axis=1))
-
-
-def _cross(a: FloatArray, b: FloatArray | None) -> float:
-    return 1.0 if b is None else float(abs(a[0] * b[1] - a[1] * b[0]))
-
-
-def _cropped(
-    edge: ExpectedEdge, low: float, high: float, plane: ImagePlane
-) -> ExpectedEdge:
-    """A piece of an edge, by shares of its length in the picture."""
-    low, high = max(low, 0.0), min(high, 1.0)
-    if low <= 0.0 and high >= 1.0:
-        return edge
-    depth = edge.start_mm[2], edge.end_mm[2]
-    ends = []
-    for share in (low, high):
-        # Even steps in the picture are even steps in 1/z along the edge.
-        part = share * depth[0] / (share * depth[0] + (1 - share) * depth[1])
-        ends.append(edge.start_mm * (1 - part) + edge.end_mm * part)
-    middle = (ends[0] + ends[1]) / 2
-    return replace(
-        edge,
-        start_px=plane.project(ends[0]),
-        end_px=plane.project(ends[1]),
-        start_mm=ends[0],
-        end_mm=ends[1],
-        blur_px=float(plane.blur_px(middle[2])),
-    )
-
-
-def _detail_px(edge: ExpectedEdge, plane: ImagePlane) -> float:
-    """Image of the required detail along the edge, raw pixels, at its worst end."""
-    if edge.requirement is None:
-        return float("nan")
-    along = edge.end_mm - edge.start_mm
-    step = along / np.linalg.norm(along) * edge.requirement.detail_mm
-    sizes = []
-    for point, sign in ((edge.start_mm, 1.0), (edge.end_mm, -1.0)):
-        pair = plane.raw(plane.project(np.stack([point, point + sign * step])))
-        sizes.append(float(np.linalg.norm(pair[1] - pair[0])))
-    return min(sizes)

@@ -51,8 +51,8 @@ def greys(
     normals = scene.planes(part_from_camera).normals[found[solid]]
     out = np.full(len(places_px), light.background)
     out[solid] = light.radiance(
-        [np.float32(c) for c in points.T],
-        [np.float32(c) for c in normals.T],
+        list(points.T.astype(np.float32)),
+        list(normals.T),
         scene.albedo[found[solid]],
     )
     return out

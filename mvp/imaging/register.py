@@ -135,15 +135,18 @@ def _robust(rows: FloatArray, right: FloatArray, sd: FloatArray) -> FloatArray:
     """Iteratively reweighted least squares, first L1, then Tukey's biweight."""
     weight = 1 / sd
     prior = np.diag(1 / _PRIOR_SD**2)
-    solution = np.zeros(rows.shape[1])
+    solution: FloatArray = np.zeros(rows.shape[1])
     for number in range(_ROUNDS):
         scaled = rows * (weight**2)[:, None]
-        solution = np.linalg.solve(rows.T @ scaled + prior, scaled.T @ right)
+        system = rows.T @ scaled + prior
+        solution = np.asarray(np.linalg.solve(system, scaled.T @ right))
         left = np.abs(right - rows @ solution)
         scatter = max(1.4826 * float(np.median(left)), _SMALLEST_SCATTER_PX)
         spread = np.hypot(scatter, sd)
         if number < _ROUNDS // 2:
-            weight = np.sqrt(1 / np.maximum(left / spread, 0.3)) / spread
+            weight = np.asarray(np.sqrt(1 / np.maximum(left / spread, 0.3)) / spread)
         else:
-            weight = np.clip(1 - (left / (4.7 * spread)) ** 2, 0, None) / spread
+            weight = np.asarray(
+                np.clip(1 - (left / (4.7 * spread)) ** 2, 0, 1) / spread
+            )
     return np.asarray(solution)

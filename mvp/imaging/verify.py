@@ -18,7 +18,9 @@ from mvp.imaging.measure_view import MeasuredView, measure_view
 from mvp.imaging.register_pose import fit_pose
 from mvp.imaging.verify_data import (
     BlurReport,
+    EdgeReport,
     Exposure,
+    HoleReport,
     Registration,
     ViewVerification,
 )
@@ -132,7 +134,7 @@ def _blur_report(
     reports: Reports,
     excess: BlurExcess | None,
 ) -> BlurReport:
-    measured = (*reports.edges, *reports.holes)
+    measured: list[EdgeReport | HoleReport] = [*reports.edges, *reports.holes]
     values = [r.blur for r in measured if r.blur.measured_px is not None]
 
     def mean(numbers: list[float | None]) -> float | None:

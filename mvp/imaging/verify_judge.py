@@ -111,7 +111,8 @@ def _named(name: str, saturated: float, broken: list[str]) -> Finding:
 def remarks(reports: Reports) -> tuple[str, ...]:
     """What is worth knowing about a pass."""
     notes = []
-    for report in (*reports.edges, *reports.holes):
+    measured: list[EdgeReport | HoleReport] = [*reports.edges, *reports.holes]
+    for report in measured:
         offset = abs(report.offset_px or 0.0)
         if offset > _NOTE_OFFSET_PX:
             name = getattr(report, "name", report.feature)
