@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mvp.geometry import BoolArray, FloatArray, IntArray, as_points
 
@@ -13,7 +14,9 @@ if TYPE_CHECKING:
 
     from mvp.visibility.occluders import Occluders
 
-_CHUNK = 1 << 16
+Float32Array: TypeAlias = NDArray[np.float32]
+_CHUNK = 1 << 15
+_TINY = np.float32(1e-30)
 
 
 class RayScene:
@@ -43,13 +46,23 @@ class RayScene:
         """Index (n,) of the first triangle on each segment, -1 for none."""
         return self._hits(starts_mm, ends_mm, "INTERSECT")
 
+    def recentred(self, points_mm: FloatArray) -> Float32Array:
+        """Points (..., 3) in the scene's own coordinates and precision."""
+        return (points_mm - self._centre).astype(np.float32)
+
+    def blocked_rays(self, origins: Float32Array, along: Float32Array) -> BoolArray:
+        """Which segments, recentred origin (n, 3) plus along (n, 3), are blocked."""
+        return self._run(origins, along, "OCCLUDED") >= 0
+
     def _hits(self, starts_mm: FloatArray, ends_mm: FloatArray, query: str) -> IntArray:
-        if self._empty or not len(starts_mm):
-            return np.full(len(starts_mm), -1, dtype=np.int64)
-        directions = (ends_mm - starts_mm).astype(np.float32)
-        origins = (starts_mm - self._centre).astype(np.float32)
+        along = (ends_mm - starts_mm).astype(np.float32)
+        return self._run(self.recentred(starts_mm), along, query)
+
+    def _run(self, origins: Float32Array, along: Float32Array, query: str) -> IntArray:
+        if self._empty or not len(origins):
+            return np.full(len(origins), -1, dtype=np.int64)
         lengths = np.ones(len(origins), dtype=np.float32)
-        hits = self._scene.run(origins, directions, dists=lengths, query=query)
+        hits = self._scene.run(origins, along, dists=lengths, query=query)
         return np.asarray(hits, dtype=np.int64)
 
 
@@ -76,21 +89,24 @@ def line_of_sight(
     targets = as_points(targets_mm, name="targets_mm").reshape(-1, 3)
     gap = 2e-5 * occluders.extent_mm if gap_mm is None else gap_mm
     clear = np.empty((len(views), len(targets)), dtype=np.bool_)
+    views32 = occluders.rays.recentred(views)
+    targets32 = occluders.rays.recentred(targets)
     step = max(1, _CHUNK // max(1, len(targets)))
     for start in range(0, len(views), step):
-        some = views[start : start + step]
-        clear[start : start + step] = _clear(occluders.rays, some, targets, gap)
+        some = views32[start : start + step]
+        clear[start : start + step] = _clear(occluders.rays, some, targets32, gap)
     return clear
 
 
 def _clear(
-    rays: RayScene, views: FloatArray, targets: FloatArray, gap_mm: float
+    rays: RayScene, views: Float32Array, targets: Float32Array, gap_mm: float
 ) -> BoolArray:
     """The block of :func:`line_of_sight` for a few view points."""
-    towards = views[:, None] - targets[None]
-    distance = np.sqrt(np.einsum("nmk,nmk->nm", towards, towards))
-    share = np.minimum(gap_mm / np.maximum(distance, 1e-300), 1.0)
-    starts = targets[None] + share[..., None] * towards
-    ends = np.broadcast_to(views[:, None], starts.shape)
-    blocked = rays.blocked(starts.reshape(-1, 3), ends.reshape(-1, 3))
-    return ~blocked.reshape(len(views), len(targets))
+    shape = (len(views), len(targets), 3)
+    along = (views[:, None] - targets[None]).reshape(-1, 3)
+    length = np.sqrt(np.einsum("nk,nk->n", along, along))
+    share = np.minimum(np.float32(gap_mm) / np.maximum(length, _TINY), 1)[:, None]
+    origins = share * along
+    along -= origins
+    origins += np.broadcast_to(targets, shape).reshape(-1, 3)
+    return ~rays.blocked_rays(origins, along).reshape(shape[:2])
