@@ -49,7 +49,7 @@ class Reach:
 
         -inf where there is no branch at all. Sliding axes count 10 mm as one degree.
         """
-        return self._best(views, np.arange(max(self.rolls, 1)))
+        return self._best(views, np.arange(max(self.rolls, 1), dtype=np.float64))
 
     def reachable(self, views: Views) -> BoolArray:
         """Which views (N,) the arm can take at some roll."""

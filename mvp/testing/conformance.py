@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -165,7 +166,7 @@ class ArmConformance(DeviceConformance):
         with self.device() as arm:
             for bad in (math.nan, math.inf):
                 target = [bad, *self.targets()[0][1:]]
-                refuses(LimitError, lambda t=target: arm.check_joints(t))
+                refuses(LimitError, partial(arm.check_joints, target))
 
     def test_a_target_with_too_few_axes_is_refused(self) -> None:
         """One value per axis."""
@@ -303,8 +304,8 @@ class LensConformance(DeviceConformance):
             for axis, (low, high) in lens.limits().items():
                 for bad in (low - 1, high + 1):
                     target = {**self.inside(lens, 0.5), axis: bad}
-                    refuses(LimitError, lambda t=target: lens.check_steps(**t))
-                    refuses(LimitError, lambda t=target: _move(lens, t))
+                    refuses(LimitError, partial(_check, lens, target))
+                    refuses(LimitError, partial(_move, lens, target))
             require(lens.state().steps() == before.steps(), "a refused move moved")
 
     def test_stop_from_another_thread_ends_a_motion(self) -> None:
@@ -400,7 +401,7 @@ class CameraConformance(DeviceConformance):
         with self.ready() as camera:
             low, high = camera.exposure_range_s()
             for bad in (low / 2, high * 2):
-                refuses(LimitError, lambda e=bad: camera.configure(exposure_s=e))
+                refuses(LimitError, partial(camera.configure, exposure_s=bad))
 
     def test_a_deadline_is_kept(self) -> None:
         """A frame of the far future does not come in time."""
@@ -423,6 +424,10 @@ class CameraConformance(DeviceConformance):
             )
             require(isinstance(result, MotionStopped), f"not MotionStopped: {result!r}")
             camera.capture(not_before_s=self.now_s(), timeout_s=_TIMEOUT_S)
+
+
+def _check(lens: Lens, target: dict[Axis, int]) -> None:
+    lens.check_steps(zoom=target["zoom"], focus=target["focus"], iris=target["iris"])
 
 
 def _move(

@@ -126,7 +126,7 @@ def virtual_cell(
     clock = ScaledClock(clock_speed)
     kind = load_world("virtual")
     config = kind.Config.model_validate(dict(settings or {}))
-    world = cast("type", kind).from_config(config, belief, clock=clock)
+    world = kind.from_config(config, belief, clock=clock)
     context = DeviceContext(clock=clock, world=world)
     return VirtualCell(
         belief,

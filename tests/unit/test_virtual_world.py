@@ -283,7 +283,7 @@ def test_a_lens_that_lost_its_home_refuses_to_move(cell: VirtualCell):
 
 
 @pytest.mark.parametrize("role", ["arm", "lens", "camera"])
-def test_a_device_that_is_switched_off_cannot_beOpened(role: str):
+def test_a_device_that_is_switched_off_cannot_be_opened(role: str):
     cell = virtual_cell(settings={"faults": {role: {"unreachable": True}}})
     with pytest.raises(ConnectError, match="nobody answers"):
         getattr(cell, role).open()
