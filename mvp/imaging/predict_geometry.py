@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,13 +22,14 @@ def straight_segments(
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Maximal straight segments of a polyline (n, 3)."""
     points = [polyline_mm[0]]
-    for a, b in itertools.pairwise(polyline_mm):
-        before, after = a - points[-1], b - a
+    for k in range(1, len(polyline_mm) - 1):
+        a = polyline_mm[k]
+        before, after = a - points[-1], polyline_mm[k + 1] - a
         size = np.linalg.norm(before) * np.linalg.norm(after)
         if np.linalg.norm(np.cross(before, after)) > 1e-6 * size or before @ after < 0:
             points.append(a)
     points.append(polyline_mm[-1])
-    return list(itertools.pairwise(points))
+    return list(pairwise(points))
 
 
 def on_line(lines: Lines, a_mm: FloatArray, b_mm: FloatArray) -> BoolArray:
