@@ -13,14 +13,16 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh as EmbreeMesh
+from numpy.typing import NDArray
 
 from mvp.geometry import Box, as_points, unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mvp.geometry import BoolArray, FloatArray, TriangleMesh
+    from mvp.geometry import BoolArray, FloatArray, IntArray, TriangleMesh
 
+Float32Array: TypeAlias = NDArray[np.float32]
 Colour: TypeAlias = tuple[float, float, float]
 
 _OVERSAMPLING = 2
@@ -121,13 +123,15 @@ class Drawing:
 
 @dataclass(frozen=True, eq=False)
 class _Hits:
-    depth: FloatArray
-    normal: FloatArray
-    face_id: FloatArray
+    """One layer of a surface: depth (h, w) in mm, inf for none, and triangle (h, w)."""
+
+    surface: Surface
+    depth: Float32Array
+    triangle: IntArray
 
     @property
     def hit(self) -> BoolArray:
-        return np.isfinite(self.depth)
+        return np.asarray(self.triangle >= 0)
 
 
 def draw(surfaces: Sequence[Surface], eye: Eye) -> Drawing:
@@ -142,18 +146,16 @@ def draw(surfaces: Sequence[Surface], eye: Eye) -> Drawing:
     )
     origins, start = _pixel_rays(fine, surfaces)
     shape = (rows * _OVERSAMPLING, columns * _OVERSAMPLING)
-    rgb = np.ones((*shape, 3))
-    depth = np.full(shape, np.inf)
+    rgb = np.ones((*shape, 3), np.float32)
+    depth = np.full(shape, np.inf, np.float32)
     for surface in (s for s in surfaces if s.opacity >= 1):
-        hits = _cast(surface.mesh, origins, fine, shape, 1)[0]
+        hits = _cast(surface, origins, fine, shape, 1)[0]
         nearer = hits.depth < depth
-        colour = _ink_edges(_shade(hits, surface.colour, fine), hits, surface, fine)
-        rgb[nearer] = colour[nearer]
-        depth = np.where(nearer, hits.depth, depth)
-    layers: list[tuple[_Hits, Surface]] = []
+        rgb[nearer] = _colours(hits, fine)[nearer]
+        depth = np.minimum(depth, hits.depth)
+    layers: list[_Hits] = []
     for surface in (s for s in surfaces if s.opacity < 1):
-        cast = _cast(surface.mesh, origins, fine, shape, _LAYERS)
-        layers += [(hits, surface) for hits in cast]
+        layers += _cast(surface, origins, fine, shape, _LAYERS)
     _blend(rgb, depth, layers, fine)
     return Drawing(_shrink(rgb), _shrink_nearest(depth) + start, eye)
 
@@ -179,104 +181,101 @@ def _pixel_rays(eye: Eye, surfaces: Sequence[Surface]) -> tuple[FloatArray, floa
 
 
 def _cast(
-    mesh: TriangleMesh,
+    surface: Surface,
     origins: FloatArray,
     eye: Eye,
     shape: tuple[int, int],
     layers: int,
 ) -> list[_Hits]:
+    mesh = surface.mesh
     scene = rtcore_scene.EmbreeScene()
     EmbreeMesh(scene, mesh.vertices_mm.astype(np.float32), mesh.faces.astype(np.int32))
-    forward = eye.axes[2]
-    directions = np.broadcast_to(forward, origins.shape).astype(np.float32)
-    travelled = np.zeros(len(origins))
-    step = 1e-4 * max(1.0, mesh.extent_mm)
+    forward = eye.axes[2].astype(np.float32)
+    directions = np.broadcast_to(forward, origins.shape).copy()
+    start = origins.astype(np.float32)
+    travelled = np.zeros(len(origins), np.float32)
+    step = np.float32(1e-4 * max(1.0, mesh.extent_mm))
     result = []
     for _ in range(layers):
-        from_here = (origins + travelled[:, None] * forward).astype(np.float32)
-        found = scene.run(from_here, directions, output=True)
-        face = found["primID"]
-        hit = face >= 0
-        depth = np.where(hit, travelled + found["tfar"], np.inf)
-        normal = np.where(hit[:, None], mesh.normals[face], 0.0)
-        ids = np.where(hit, mesh.face_ids[face], -1)
-        result.append(
-            _Hits(depth.reshape(shape), normal.reshape(*shape, 3), ids.reshape(shape))
-        )
-        travelled = np.where(hit, depth + step, travelled)
+        found = scene.run(start + travelled[:, None] * forward, directions, output=True)
+        triangle = found["primID"]
+        depth = np.where(triangle >= 0, travelled + found["tfar"], np.float32(np.inf))
+        result.append(_Hits(surface, depth.reshape(shape), triangle.reshape(shape)))
+        travelled = np.where(triangle >= 0, depth + step, travelled)
     return result
 
 
-def _shade(hits: _Hits, colour: Colour, eye: Eye) -> FloatArray:
+def _colours(hits: _Hits, eye: Eye) -> Float32Array:
     """Two-sided Lambert with a key and a fill light fixed to the eye, (h, w, 3)."""
     right, down, forward = eye.axes
-    towards = np.where(
-        (hits.normal @ forward)[..., None] > 0, -hits.normal, hits.normal
-    )
-    light = np.full(hits.depth.shape, _AMBIENT)
+    normals = hits.surface.mesh.normals
+    towards = np.where((normals @ forward)[:, None] > 0, -normals, normals)
+    light = np.full(len(normals), _AMBIENT)
     for x, y, z, strength in _LIGHTS:
         direction = unit(x * right - y * down - z * forward)
         light = light + strength * np.clip(towards @ direction, 0, 1)
-    return np.asarray(np.clip(light, 0, 1.15)[..., None] * np.array(colour)).clip(0, 1)
+    table = np.clip(light, 0, 1.15)[:, None] * np.array(hits.surface.colour)
+    rgb = np.clip(table, 0, 1).astype(np.float32)[hits.triangle]
+    if hits.surface.edges and hits.surface.opacity >= 1:
+        rgb[_crease(hits, eye)] = _INK
+    return np.asarray(rgb)
 
 
 def _crease(hits: _Hits, eye: Eye) -> BoolArray:
-    """Pixels next to a fold, a silhouette or another CAD face."""
+    """Pixels next to a fold, a silhouette or a step in depth."""
     jump = 6 * eye.mm_per_px
+    normals = hits.surface.mesh.normals
     mask = np.zeros(hits.depth.shape, dtype=bool)
     for axis in (0, 1):
         near = np.swapaxes(mask, 0, axis)
-        depth = np.swapaxes(np.where(hits.hit, hits.depth, 1e9), 0, axis)
-        normal = np.swapaxes(hits.normal, 0, axis)
-        folded = (normal[1:] * normal[:-1]).sum(axis=-1) < _CREASE_COSINE
-        folded &= (depth[1:] < 1e9) | (depth[:-1] < 1e9)
-        near[1:] |= folded | (np.abs(np.diff(depth, axis=0)) > jump)
+        triangle = np.swapaxes(hits.triangle, 0, axis)
+        depth = np.swapaxes(hits.depth, 0, axis)
+        rows, columns = np.nonzero(triangle[1:] != triangle[:-1])
+        one, other = triangle[rows, columns], triangle[rows + 1, columns]
+        silhouette = (one < 0) | (other < 0)
+        folded = (normals[one] * normals[other]).sum(axis=-1) < _CREASE_COSINE
+        with np.errstate(invalid="ignore"):
+            step = np.abs(depth[rows + 1, columns] - depth[rows, columns]) > jump
+        edge = silhouette | folded | step
+        near[rows[edge] + 1, columns[edge]] = True
     return mask
 
 
-def _ink_edges(rgb: FloatArray, hits: _Hits, surface: Surface, eye: Eye) -> FloatArray:
-    if not surface.edges:
-        return rgb
-    return np.where(_crease(hits, eye)[..., None], np.array(_INK), rgb)
-
-
 def _blend(
-    rgb: FloatArray,
-    opaque_depth: FloatArray,
-    layers: list[tuple[_Hits, Surface]],
-    eye: Eye,
+    rgb: Float32Array, opaque_depth: Float32Array, layers: list[_Hits], eye: Eye
 ) -> None:
     """Mix translucent layers into ``rgb`` in place, farthest first at every pixel."""
     if not layers:
         return
-    depths = np.stack([hits.depth for hits, _ in layers])
-    order = np.argsort(-np.where(np.isfinite(depths), depths, np.inf), axis=0)
-    colours = np.stack([_shade(hits, s.colour, eye) for hits, s in layers])
-    opacity = np.stack([_opacity(hits, s, eye) for hits, s in layers])
-    opacity = np.where(depths < opaque_depth, opacity, 0.0)
+    depths = np.stack([hits.depth for hits in layers])
+    order = np.argsort(-depths, axis=0)
+    colours = [_colours(hits, eye) for hits in layers]
+    opacity = [
+        np.where(hits.depth < opaque_depth, _opacity(hits, eye), np.float32(0))
+        for hits in layers
+    ]
     for rank in range(len(layers)):
-        pick = order[rank][None]
-        alpha = np.take_along_axis(opacity, pick, 0)[0][..., None]
-        colour = np.take_along_axis(colours, pick[..., None], 0)[0]
-        rgb *= 1 - alpha
-        rgb += alpha * colour
+        for number, colour in enumerate(colours):
+            mine = (order[rank] == number) & (opacity[number] > 0)
+            alpha = opacity[number][mine][:, None]
+            rgb[mine] = (1 - alpha) * rgb[mine] + alpha * colour[mine]
 
 
-def _opacity(hits: _Hits, surface: Surface, eye: Eye) -> FloatArray:
-    opacity = np.where(hits.hit, surface.opacity, 0.0)
-    if surface.edges:
-        edge = _crease(hits, eye) & hits.hit
-        opacity = np.where(edge, min(1.0, surface.opacity + 0.35), opacity)
+def _opacity(hits: _Hits, eye: Eye) -> Float32Array:
+    stated = hits.surface.opacity
+    opacity = np.where(hits.hit, np.float32(stated), np.float32(0))
+    if hits.surface.edges:
+        opacity[_crease(hits, eye) & hits.hit] = min(1.0, stated + 0.35)
     return np.asarray(opacity)
 
 
-def _shrink(rgb: FloatArray) -> FloatArray:
+def _shrink(rgb: Float32Array) -> FloatArray:
     rows, columns = rgb.shape[0] // _OVERSAMPLING, rgb.shape[1] // _OVERSAMPLING
     blocks = rgb.reshape(rows, _OVERSAMPLING, columns, _OVERSAMPLING, 3)
-    return np.asarray(blocks.mean(axis=(1, 3)))
+    return np.asarray(blocks.mean(axis=(1, 3)), dtype=np.float64)
 
 
-def _shrink_nearest(depth: FloatArray) -> FloatArray:
+def _shrink_nearest(depth: Float32Array) -> FloatArray:
     rows, columns = depth.shape[0] // _OVERSAMPLING, depth.shape[1] // _OVERSAMPLING
     blocks = depth.reshape(rows, _OVERSAMPLING, columns, _OVERSAMPLING)
-    return np.asarray(blocks.max(axis=(1, 3)))
+    return np.asarray(blocks.max(axis=(1, 3)), dtype=np.float64)

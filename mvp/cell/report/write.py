@@ -19,15 +19,6 @@ if TYPE_CHECKING:
 
     from mvp.cell.report.page import Page, ViewSection
 
-SCENE_PICTURES = (
-    (
-        "region.png",
-        "From where every feature is seen whole (blue), the part, and the "
-        "planned viewpoints with their viewing vectors.",
-    ),
-    ("scene.png", "The planned viewpoints and viewing vectors around the part."),
-)
-
 
 def write_report(folder: Path) -> Path:
     """Write ``report.html`` into a run folder and return its path.
@@ -57,11 +48,7 @@ def _render(page: Page, folder: RunFolder) -> str:
     context = {name: getattr(page, name) for name in page.__dataclass_fields__}
     context["warn_percent"] = page.warn_percent
     context["views"] = [_view_context(view, folder) for view in page.views]
-    context["scene_pictures"] = [
-        {"data": data_uri(folder.path / "figures" / name), "caption": caption}
-        for name, caption in SCENE_PICTURES
-        if (folder.path / "figures" / name).is_file()
-    ]
+    context["scene_pictures"] = _scene_pictures(page, folder)
     return template.render(page=context, style=Markup(style))
 
 
@@ -89,3 +76,18 @@ def _view_context(view: ViewSection, folder: RunFolder) -> dict[str, object]:
     simulated = folder.path / "figures" / f"{view.id}_simulated.png"
     context["simulated_picture"] = data_uri(simulated) if simulated.is_file() else None
     return context
+
+
+def _scene_pictures(page: Page, folder: RunFolder) -> list[dict[str, str]]:
+    captions = {"scene.png": "The part, its features (red) and the planned viewpoints."}
+    for view in page.views:
+        captions[f"region_{view.id}.png"] = (
+            f"{view.id}: the region from which every feature of the view is seen whole "
+            "(blue), and the viewpoint in it."
+        )
+    figures = folder.path / "figures"
+    return [
+        {"data": data_uri(figures / name), "caption": caption}
+        for name, caption in captions.items()
+        if (figures / name).is_file()
+    ]
