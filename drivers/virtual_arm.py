@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, NoReturn, Self
 import numpy as np
 from pydantic import Field
 
+from drivers.virtual_motion import StraightMove
 from drivers.virtual_world import VirtualWorld, world_of
 from mvp.devices import ArmState, DeviceContext, DeviceInfo, Role
 from mvp.errors import (
@@ -160,9 +161,13 @@ class VirtualArm:
         speed_fraction: float = 1.0,
     ) -> float:
         """How long such a move takes, s: ramps included."""
-        way = np.abs(np.asarray(target, np.float64) - np.asarray(start, np.float64))
-        speed = self._model.joint_speed * self._fraction(speed_fraction)
-        return float((way / speed + speed / self._model.joint_acceleration).max())
+        move = StraightMove.limited(
+            np.asarray(start, np.float64),
+            np.asarray(target, np.float64),
+            speed=self._model.joint_speed * self._fraction(speed_fraction),
+            acceleration=self._model.joint_acceleration,
+        )
+        return move.duration_s
 
     def stop(self) -> None:
         """Brake now, from any thread."""
