@@ -78,6 +78,7 @@ def _tell(
 
 def _table(lines: Console, entries: list[Entry], limit: int | None) -> None:
     """The largest entries of one kind."""
+    from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     if not entries:
@@ -85,18 +86,30 @@ def _table(lines: Console, entries: list[Entry], limit: int | None) -> None:
     title, size, place = _TITLES[entries[0].kind]
     shown = entries[:limit]
     more = f", the largest {len(shown)} (--all for every one)"
-    table = Table(title=f"{len(entries)} {title}{more * (len(shown) < len(entries))}")
-    table.add_column("id", style="bold")
-    table.add_column(size, justify="right")
-    table.add_column(place, justify="right")
-    table.add_column("direction", justify="right")
+    table = Table(
+        title=f"{len(entries)} {title}{more * (len(shown) < len(entries))}",
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+    )
+    table.add_column("id", style="bold", no_wrap=True)
+    for heading in (size, place, "direction"):
+        table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("note")
     for entry in shown:
         table.add_row(
             entry.id,
             f"{entry.size:.3f}",
-            "  ".join(f"{value + 0.0:.2f}" for value in entry.position_mm.round(2)),
-            "  ".join(f"{value + 0.0:.2f}" for value in entry.direction.round(2)),
+            " ".join(f"{value + 0.0:.2f}" for value in entry.position_mm.round(2)),
+            _direction_text(entry.direction.tolist()),
             entry.note,
         )
     lines.print(table)
+
+
+def _direction_text(direction: list[float]) -> str:
+    """``+z`` along an axis, otherwise three numbers."""
+    largest = max(range(3), key=lambda axis: abs(direction[axis]))
+    if abs(direction[largest]) > 1 - 1e-6:
+        return ("+" if direction[largest] > 0 else "-") + "xyz"[largest]
+    return " ".join(f"{round(value, 2) + 0.0:.2f}" for value in direction)

@@ -140,7 +140,7 @@ class FeatureCatalogue:
                 float(edges.length_mm[i]),
                 (edges.start_mm[i] + edges.end_mm[i]) / 2,
                 direction[i] / np.linalg.norm(direction[i]),
-                f"{kinds[i]}, {_angle_text(edges, i)}",
+                f"{kinds[i]} {_angle_text(edges, i)}",
             )
             for i in range(len(edges))
         ]
@@ -153,8 +153,8 @@ class FeatureCatalogue:
                 hole.diameter_mm,
                 hole.centre_mm,
                 hole.axis,
-                f"{'through' if hole.through else 'blind'}, depth {hole.depth_mm:.3g} mm, "
-                f"polygon within {hole.polygon_error_mm:.2g} mm",
+                f"{'through' if hole.through else 'blind'} {hole.depth_mm:.3g} mm, "
+                f"rim ±{hole.polygon_error_mm:.2g}",
             )
             for hole in self.holes
         ]
@@ -170,11 +170,11 @@ class FeatureCatalogue:
 
 def _angle_text(edges: CadEdges, row: int) -> str:
     if edges.boundary[row]:
-        return "one face"
+        return "(one face)"
     cosine = float(np.clip(edges.normal_a[row] @ edges.normal_b[row], -1, 1))
     turn = np.rad2deg(np.arccos(cosine))
     inside = 180 - turn if edges.convex[row] else 180 + turn
-    return f"{inside:.0f} deg of material"
+    return f"{inside:.0f}°"
 
 
 def patch_measures(

@@ -16,6 +16,7 @@ from mvp.geometry import (
     TriangleMesh,
     planar_patches,
 )
+from mvp.scene.face_pieces import face_polygons
 from mvp.scene.point_feature import plane_axes
 from mvp.scene.polygons import (
     boundary_rings,
@@ -35,6 +36,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+# A ring that turns by less than this at a vertex goes straight on.
+_TURN_RAD = np.deg2rad(0.5)
+
 
 @dataclass(frozen=True, eq=False)
 class FaceFeature:
@@ -46,7 +50,8 @@ class FaceFeature:
         holes_mm: inner rings, clockwise seen from outside.
         normal: (3,) outward unit normal.
         area_mm2: area without the holes.
-        pieces: convex polygons that together cover the face.
+        pieces: convex polygons that together cover the face, and those of its holes in
+            which nothing stands.
     """
 
     id: str
@@ -93,22 +98,18 @@ def patch_face(id: str, mesh: TriangleMesh, triangles: IntArray) -> FaceFeature:
     normal = normal / np.linalg.norm(normal)
     flat = mesh.vertices_mm @ np.stack(plane_axes(normal)).T
     rings = boundary_rings(faces)
-    areas = [signed_area(flat[ring]) for ring in rings]
-    outer = int(np.argmax(areas))
+    rings.sort(key=lambda ring: -signed_area(flat[ring]))
+    outer, *inner = [mesh.vertices_mm[ring] for ring in rings]
     offset = float((mesh.vertices_mm[faces.ravel()] @ normal).max())
-    plane = np.append(normal, offset)[None]
-    polygons = convex_partition(flat, faces)
+    plane = np.append(normal, offset)
+    polygons = face_polygons(mesh, triangles, rings, flat, plane)
     return FaceFeature(
         id,
-        _straightened(mesh.vertices_mm[rings[outer]]),
-        tuple(
-            _straightened(mesh.vertices_mm[ring])
-            for i, ring in enumerate(rings)
-            if i != outer
-        ),
+        _straightened(outer),
+        tuple(_straightened(ring) for ring in inner),
         normal,
         float(mesh.areas_mm2[triangles].sum()),
-        tuple(FeaturePiece(mesh.vertices_mm[p], plane, "all") for p in polygons),
+        tuple(FeaturePiece(mesh.vertices_mm[p], plane[None], "all") for p in polygons),
     )
 
 
@@ -117,7 +118,8 @@ def _straightened(ring: FloatArray) -> FloatArray:
     before, after = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
     cross = np.linalg.norm(np.cross(before, after), axis=1)
     chord = np.linalg.norm(before + after, axis=1)
-    kept = ring[cross > 2e-4 * np.maximum(chord, 1e-12)]
+    turn = np.arctan2(cross, np.einsum("ij,ij->i", before, after))
+    kept = ring[(cross > 2e-4 * np.maximum(chord, 1e-12)) | (turn > _TURN_RAD)]
     return kept if len(kept) >= 3 else ring
 
 
