@@ -58,16 +58,22 @@ def outcome(stage: Stage, fault: str, seed: int) -> Outcome:
     )
 
 
-def _share(task: tuple[list[tuple[str, int]], int, int]) -> list[Outcome]:
-    jobs, part, parts = task
-    stage = paper_stage()
+def _share(task: tuple[list[tuple[str, int]], int, int, bool]) -> list[Outcome]:
+    jobs, part, parts, light_known = task
+    stage = paper_stage(light_known=light_known)
     return [outcome(stage, fault, seed) for fault, seed in jobs[part::parts]]
 
 
-def outcomes(counts: dict[str, int], seed: int, processes: int = 2) -> list[Outcome]:
+def outcomes(
+    counts: dict[str, int],
+    seed: int,
+    processes: int = 2,
+    *,
+    light_known: bool = True,
+) -> list[Outcome]:
     """Run ``counts[fault]`` trials of each fault."""
     jobs = [(f, seed + k) for f, count in counts.items() for k in range(count)]
-    tasks = [(jobs, part, processes) for part in range(processes)]
+    tasks = [(jobs, part, processes, light_known) for part in range(processes)]
     if processes == 1:
         return _share(tasks[0])
     with get_context("spawn").Pool(processes) as pool:
@@ -101,12 +107,15 @@ def main() -> None:
     parser.add_argument("--clean", type=int, help="without a fault (default: --trials)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--light-unknown", action="store_true")
     parser.add_argument("--misses", action="store_true", help="list them")
     given = parser.parse_args()
     counts = dict.fromkeys(CLASSES, given.trials)
     if given.clean is not None:
         counts["none"] = given.clean
-    results = outcomes(counts, given.seed, given.processes)
+    results = outcomes(
+        counts, given.seed, given.processes, light_known=not given.light_unknown
+    )
     print(table(results))
     if given.misses:
         for miss in (o for o in results if not o.named_right):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import cv2
@@ -103,8 +103,11 @@ class Stage:
 
     mesh: TriangleMesh
     sensor: Sensor
-    light: Illumination = Illumination()
-    tolerance: ViewTolerance = ViewTolerance(0.5, 0.1, 0.02)
+    light: Illumination = field(default_factory=Illumination)
+    tolerance: ViewTolerance = field(
+        default_factory=lambda: ViewTolerance(0.5, 0.1, 0.02)
+    )
+    light_known: bool = True
 
     @cached_property
     def scene(self) -> RenderScene:
@@ -132,7 +135,7 @@ class Stage:
             c_mm=C_MM,
             tolerance=self.tolerance,
             requirements={f.id: Requirement(1.0, 1.0) for f in self.features},
-            light=self.light,
+            light=self.light if self.light_known else None,
         )
 
     def picture(
@@ -151,8 +154,8 @@ class Stage:
         )
 
 
-def paper_stage(sensor: Sensor = PAPER) -> Stage:
-    return Stage(paper_object(), sensor)
+def paper_stage(sensor: Sensor = PAPER, *, light_known: bool = True) -> Stage:
+    return Stage(paper_object(), sensor, light_known=light_known)
 
 
 def metered_s(image: RenderedImage, expectation: ViewExpectation) -> float:

@@ -120,7 +120,7 @@ def _start(
     t = np.arange(-reach, reach + 0.01, _STRIP_STEP_PX)
     places = expected.points(angle)[:, None] + t[None, :, None] * normal[:, None]
     strip = picture.at(places)
-    usable = np.isfinite(strip).all(axis=1)
+    usable: BoolArray = np.asarray(np.isfinite(strip).all(axis=1))
     if usable.mean() < 0.5:
         return None
     width = max(round((1.5 + blur_px / 2) / _STRIP_STEP_PX), 2)

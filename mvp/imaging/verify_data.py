@@ -91,7 +91,7 @@ class EdgeReport:
 
 @dataclass(frozen=True)
 class HoleReport:
-    """The rim of one hole: full axes of its ellipse and diameter, px."""
+    """The rim of one hole: full axes of its ellipse, px; outlines in raw pixels."""
 
     feature: str
     predicted_axes_px: tuple[float, float]
@@ -109,6 +109,7 @@ class HoleReport:
     predicted_contrast: float | None
     detail_px: float | None
     required_px: float | None
+    predicted_rim_px: tuple[tuple[float, float], ...]
     rim_px: tuple[tuple[float, float], ...]
     blur: Blur
     notes: tuple[str, ...] = ()

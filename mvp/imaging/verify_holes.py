@@ -63,6 +63,7 @@ def hole_report(
         predicted_contrast=_contrast(rim),
         detail_px=_detail(rim, found),
         required_px=rim.requirement.pixels if rim.requirement else None,
+        predicted_rim_px=_outline(expectation, plan),
         rim_px=_outline(expectation, measured) if found.found else (),
         blur=_blur(found, rim, expectation.c_px),
         notes=_notes(rim, found),
