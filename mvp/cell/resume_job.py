@@ -175,4 +175,5 @@ def _finish(
             )
         )
     document = write_document(setting, folder, plan, {"plan": plan.timing_s.total})
-    return RunResult(document, folder, RunOutcome("completed", tuple(verified)))
+    outcome = RunOutcome("completed", tuple(verified))
+    return RunResult(setting, document, folder, outcome)

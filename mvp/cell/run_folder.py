@@ -64,6 +64,11 @@ class RunFolder:
         return self.path / "images"
 
     @property
+    def figures(self) -> Path:
+        """Drawings for the report."""
+        return self.path / "figures"
+
+    @property
     def quarantine(self) -> Path:
         """Pictures without a record line."""
         return self.path / "quarantine"

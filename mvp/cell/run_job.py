@@ -92,8 +92,9 @@ class Watcher:
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run left behind."""
+    """What a run left behind, and what it was made from."""
 
+    setting: Setting
     document: RunDocument
     folder: RunFolder
     outcome: RunOutcome
@@ -287,7 +288,7 @@ class Session:
             outcome = _in_thread(runner, self.watcher.follow)
             timing = {"run": time.perf_counter() - began, "plan": plan.timing_s.total}
             document = write_document(self.setting, folder, plan, timing)
-        return RunResult(document, folder, outcome)
+        return RunResult(self.setting, document, folder, outcome)
 
     def _engine(self, folder: RunFolder, views: Sequence[PlannedView]) -> CellEngine:
         settle = self.setting.cell.config.settle

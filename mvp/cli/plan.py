@@ -23,6 +23,12 @@ def plan(
         Path | None,
         typer.Option("--out", metavar="PLAN.json", help="write the plan there as well"),
     ] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(
+            "--figures", metavar="DIR", help="draw regions, viewpoints, expected views"
+        ),
+    ] = None,
     seed: SeedOption = 0,
     accept_calibration: AcceptOption = "",
     as_json: JsonOption = False,
@@ -43,6 +49,11 @@ def plan(
         check_writable(out.parent, needed_bytes=1_000_000)
     with stages() as tell:
         planned = make_plan(loaded, asked, seed=seed, tell=tell)
+        if figures is not None:
+            from mvp.cell.figures import write_plan_pictures
+
+            tell("drawing figures")
+            write_plan_pictures(planned.setting, planned.plan, figures)
     if out is not None:
         text = planned.plan.model_dump_json(by_alias=True, indent=1)
         write_durably(out, text.encode())

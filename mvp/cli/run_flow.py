@@ -73,7 +73,9 @@ class RunFlow:
         return planned.setting, planned.plan
 
     def _reported(self, result: RunResult) -> RunResult:
-        page = write_report_if_possible(result.folder.path)
+        with stages() as tell:
+            tell("drawing the report")
+            page = write_report_if_possible(result)
         if page is not None:
             console().print(f"report: {page}", markup=False)
         return result

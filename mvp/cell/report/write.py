@@ -73,7 +73,7 @@ def _view_context(view: ViewSection, folder: RunFolder) -> dict[str, object]:
             {"svg": close_up(name, shown.lines, size), "caption": shown.caption}
             for shown in measured.shown
         ]
-    simulated = folder.path / "figures" / f"{view.id}_simulated.png"
+    simulated = folder.figures / f"{view.id}_simulated.png"
     context["simulated_picture"] = data_uri(simulated) if simulated.is_file() else None
     return context
 
@@ -85,9 +85,8 @@ def _scene_pictures(page: Page, folder: RunFolder) -> list[dict[str, str]]:
             f"{view.id}: the region from which every feature of the view is seen whole "
             "(blue), and the viewpoint in it."
         )
-    figures = folder.path / "figures"
     return [
-        {"data": data_uri(figures / name), "caption": caption}
+        {"data": data_uri(folder.figures / name), "caption": caption}
         for name, caption in captions.items()
-        if (figures / name).is_file()
+        if (folder.figures / name).is_file()
     ]
