@@ -1,5 +1,16 @@
 """The planner: problem in, ranked views with tolerance and explanation out."""
 
+from mvp.constraints.sigma import Uncertainty
+from mvp.planning.chance import failure_probability
+from mvp.planning.explain import Conflict, Cure, Explanation, explain
+from mvp.planning.paper_objective import (
+    PAPER_1,
+    PAPER_2,
+    PRESETS,
+    PaperSolution,
+    PaperWeights,
+    solve_paper,
+)
 from mvp.planning.problem import (
     DEFAULT_CANDIDATES,
     DEFAULT_STARTS,
@@ -8,18 +19,47 @@ from mvp.planning.problem import (
     PlanningProblem,
     Progress,
 )
-from mvp.planning.solve import Attempt, KindMargin, Solution, attempt, solve
+from mvp.planning.recheck import Recheck, recheck
+from mvp.planning.relaxation import Amount, relaxed
+from mvp.planning.sensitivity import sensitivity
+from mvp.planning.solve import Attempt, KindMargin, Solution, attempt, evaluate, solve
+from mvp.planning.tolerance import Certificate, ToleranceBox, certify, proven
+from mvp.planning.tube import TubeAdvice, tube_needed
 
 __all__ = [
     "DEFAULT_CANDIDATES",
     "DEFAULT_STARTS",
+    "PAPER_1",
+    "PAPER_2",
+    "PRESETS",
     "Accept",
+    "Amount",
     "Attempt",
+    "Certificate",
+    "Conflict",
+    "Cure",
+    "Explanation",
     "KindMargin",
     "LensBounds",
+    "PaperSolution",
+    "PaperWeights",
     "PlanningProblem",
     "Progress",
+    "Recheck",
     "Solution",
+    "ToleranceBox",
+    "TubeAdvice",
+    "Uncertainty",
     "attempt",
+    "certify",
+    "evaluate",
+    "explain",
+    "failure_probability",
+    "proven",
+    "recheck",
+    "relaxed",
+    "sensitivity",
     "solve",
+    "solve_paper",
+    "tube_needed",
 ]

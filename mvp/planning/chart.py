@@ -93,8 +93,11 @@ class Chart:
         """The target's centre in camera coordinates, (N, 3) mm."""
         return views.camera_points(self.centre_mm[None])[:, 0]
 
-    def retract(self, views: Views, y: FloatArray) -> Views:
-        """Move each view (N) by its own y (N, n)."""
+    def retract(self, views: Views, y: FloatArray, *, clip: bool = True) -> Views:
+        """Move each view (N) by its own y (N, n); lens values end inside their bounds.
+
+        ``clip=False`` leaves them, for derivatives at a bound.
+        """
         orbit, aim, depth, focus, focal, aperture = self._split(y)
         q = self.target_camera(views)
         z = np.maximum(q[:, 2], _DEPTH_FLOOR_MM)
@@ -112,7 +115,7 @@ class Chart:
             f_mm=f,
             a_mm=views.a_mm * np.exp(aperture),
         )
-        return self.lens.clipped(moved)
+        return self.lens.clipped(moved) if clip else moved
 
     def _image_distance(
         self, views: Views, f: FloatArray, log_ratio: FloatArray

@@ -51,6 +51,7 @@ _BISECTIONS = 6
 _TRIES = 4
 _SAMPLES = 5
 _PERCENT = 0.01
+_CLEAR_OF_TARGET = 1.2
 _UNTIL_ADMISSIBLE = Limits(enough=0.0)
 
 
@@ -157,7 +158,7 @@ def explain(
     )
     if not failed.solutions:
         return _seen_from_nowhere(problem, searched, namer)
-    best = failed.solutions[0]
+    best = _sensible(problem, failed.solutions)
     conflicts = conflict_set(problem, best)
     cures, no_help = _knob_cures(problem, failed, namer)
     lens = lens_cure(problem, seed)
@@ -174,6 +175,19 @@ def explain(
         searched=searched,
         blockers=blockers,
     )
+
+
+def _sensible(problem: PlanningProblem, ends: tuple[Solution, ...]) -> Solution:
+    """The best end that is not pressed against the target.
+
+    Right in front of the features every error is large, so that a hopeless view can
+    miss by few standard deviations.
+    """
+    chart = Chart.of(problem)
+    for end in ends:
+        if chart.target_camera(end.view)[0, 2] > _CLEAR_OF_TARGET * chart.nearest_mm:
+            return end
+    return ends[0]
 
 
 def conflict_set(problem: PlanningProblem, best: Solution) -> tuple[Conflict, ...]:
@@ -274,7 +288,7 @@ def knob_cure(
     ended = climb(problem, LinearModel(table, chart, merit), starts)
     kept = np.flatnonzero(merit.shortfall(ended.index) <= JUST_INSIDE)
     amounts = [(int(k), needed(problem, ended.views[int(k)], knob)) for k in kept]
-    amounts = [(k, a) for k, a in amounts if np.isfinite(a.factor) and a.factor > 0]
+    amounts = [(k, a) for k, a in amounts if a.sensible]
     if not amounts:
         return None
     sign = -1.0 if knob == "resolution" else 1.0

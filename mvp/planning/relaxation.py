@@ -37,6 +37,10 @@ KINDS_OF: dict[Knob, tuple[Kind, ...]] = {
 """Requirements that one knob of the task turns, cheapest for the user first."""
 
 
+_SENSIBLE: dict[Knob, float] = {"resolution": 0.1, "blur": 6.0, "field_of_view": 2.0}
+"""Factors beyond which a change is no advice any more."""
+
+
 @dataclass(frozen=True)
 class Amount:
     """How far one knob is turned.
@@ -49,6 +53,14 @@ class Amount:
 
     knob: Knob
     factor: float
+
+    @property
+    def sensible(self) -> bool:
+        """Whether anybody would do it."""
+        limit = _SENSIBLE.get(self.knob, np.inf)
+        if self.knob == "resolution":
+            return self.factor >= limit
+        return self.factor <= limit and bool(np.isfinite(self.factor))
 
     def more(self, step: float = 0.01) -> Amount:
         """A little further."""

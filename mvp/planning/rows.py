@@ -7,12 +7,13 @@ negative.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.constraints import Visibility
 from mvp.constraints.base import SHIFT
 from mvp.constraints.sigma import margin_deviation
 
@@ -160,8 +161,31 @@ class RowTable:
         return Evaluated(value, gradient, scale)
 
     def index(self, views: Views) -> FloatArray:
-        """Indices (N, R)."""
-        return self.evaluate(views).index
+        """Indices (N, R); all rows of a visibility constraint have its smallest one.
+
+        Much cheaper than ``evaluate`` and the same in every minimum: one distance to
+        the boundary instead of one per facet.
+        """
+        curved = self.evaluate(views, curved_only=True).index
+        index = np.empty((len(views), len(self.kinds)))
+        index[:, self.curved] = curved
+        start = 0
+        for constraint in self.constraints:
+            part = slice(start, start + len(constraint.labels))
+            start = part.stop
+            if constraint.kind in _CONSTANT_SCALE:
+                index[:, part] = self._plain_index(constraint, views)
+        return index
+
+    def _plain_index(self, constraint: Constraint, views: Views) -> FloatArray:
+        """Indices of rows whose scale does not move, (N, rows) or (N, 1)."""
+        if isinstance(constraint, Visibility):
+            fixed = self.fixed_scales.get(constraint.kind)
+            scale = fixed or float(self.sigma[SHIFT].max())
+            ratio = constraint.margin(views)[:, None] / scale
+            return np.asarray(np.clip(ratio, -_INDEX_LIMIT, _INDEX_LIMIT))
+        alone = replace(self, constraints=(constraint,))
+        return alone.evaluate(views).index
 
     def worst(self, index: FloatArray) -> FloatArray:
         """Smallest index (N,) over the rows that have one; -inf if a hard row fails."""
@@ -190,7 +214,8 @@ class RowTable:
         count = len(views)
         offsets = np.concatenate([np.diag(step), -np.diag(step)])
         repeated = views[np.tile(np.arange(count), len(offsets))]
-        displaced = chart.retract(repeated, np.repeat(offsets, count, axis=0))
+        y = np.repeat(offsets, count, axis=0)
+        displaced = chart.retract(repeated, y, clip=False)
         scales = self.evaluate(displaced, curved_only=True).scale
         plus, minus = scales.reshape(2, chart.n, count, -1)
         slope = (plus - minus) / (2 * step[:, None, None])

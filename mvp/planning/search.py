@@ -17,6 +17,8 @@ from mvp.constraints.base import SHIFT
 from mvp.optics.views import concatenated
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mvp.geometry import BoolArray, FloatArray, IntArray
     from mvp.optics import Views
     from mvp.planning.problem import PlanningProblem
@@ -167,8 +169,17 @@ def climb(
     views: Views,
     *,
     limits: Limits = DEFAULT_LIMITS,
+    visit: Callable[[Views], None] | None = None,
 ) -> Climbed:
-    """Search from every view (K, at least one) with the target's centre in front."""
+    """Search from every view (K, at least one) with the target's centre in front.
+
+    Args:
+        problem: filters the steps.
+        model: what is maximised, and how a step is found.
+        views: starts.
+        limits: when to stop.
+        visit: told all views after every iteration.
+    """
     pool = _Pool(model, views, limits)
     for _ in range(limits.steps):
         if (pool.value >= limits.enough).any():
@@ -178,6 +189,8 @@ def climb(
         if not len(which):
             break
         _advance(problem, pool, which, steps)
+        if visit is not None:
+            visit(pool.views)
     return Climbed(pool.views, pool.index, pool.value, pool.steps)
 
 

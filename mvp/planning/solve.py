@@ -32,6 +32,7 @@ _SAME = 1e-3
 _COMPARED_AT_SIGMA = 3.3
 _SECOND_STAGE_STEPS = 25
 _PROBE_RADIUS = 0.05
+_SAFE_SIGMA = 3.0
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,7 @@ class Solution:
         view: the view, N = 1.
         index: (R,) every row in standard deviations.
         t: the smallest of them.
+        first_stage_t: the largest smallest index, before 5 % of it were given up.
         status: whether every constraint holds.
         margins: worst margin of every requirement.
         binding: requirement with the largest dual.
@@ -75,6 +77,7 @@ class Solution:
     view: Views
     index: FloatArray
     t: float
+    first_stage_t: float
     status: Status
     margins: dict[Kind, KindMargin]
     binding: Kind
@@ -200,6 +203,7 @@ def described(
         view=view,
         index=index,
         t=t,
+        first_stage_t=t,
         status="admissible" if t >= 0 else "infeasible",
         margins=margins(problem, table, view, index),
         binding=table.kinds[row],
@@ -208,8 +212,26 @@ def described(
         start=start,
         stage="max-min",
         steps=steps,
-        notes=notes,
+        notes=(*notes, *_warnings(t)),
     )
+
+
+def _warnings(t: float) -> tuple[str, ...]:
+    if 0 <= t < _SAFE_SIGMA:
+        return (
+            f"admissible, but only {t:.2f} standard deviations from failing: expect "
+            "pictures that do not keep the specification",
+        )
+    return ()
+
+
+def evaluate(
+    problem: PlanningProblem, view: Views, *, start: str = "given"
+) -> Solution:
+    """A given view (N = 1), such as one of rounded motor steps, without any search."""
+    table = RowTable.of(problem)
+    model = LinearModel(table, Chart.of(problem), max_min(table))
+    return described(problem, model, view, start=start)
 
 
 def _binding_row(table: RowTable, index: FloatArray, duals: Duals) -> int:
@@ -267,7 +289,9 @@ def _second_stage(problem: PlanningProblem, best: Solution, seed: int) -> Soluti
         steps=best.steps + int(ended.steps[0]),
         notes=best.notes,
     )
-    return _safer(problem, best, replace(other, stage="second stage"), seed)
+    return _safer(
+        problem, best, replace(other, stage="second stage", first_stage_t=best.t), seed
+    )
 
 
 def _safer(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from mvp.constraints.base import Kind
-    from mvp.geometry import FloatArray, IntArray
+    from mvp.geometry import BoolArray, FloatArray, IntArray
     from mvp.optics import Views
     from mvp.planning.chart import Chart
     from mvp.planning.rows import Linearised, RowTable
@@ -32,11 +32,13 @@ class Merit:
         groups: (R,) group of each row, -1 for none.
         caps: (G,) largest value a group is credited with.
         floors: (R,) lower bounds of rows; every sigma below costs the penalty.
+        penalty: what one sigma below a floor costs.
     """
 
     groups: IntArray
     caps: FloatArray
     floors: FloatArray
+    penalty: float = PENALTY_PER_SIGMA
 
     def group_values(self, index: FloatArray) -> FloatArray:
         """Credited value of every group, (N, G)."""
@@ -53,7 +55,7 @@ class Merit:
     def value(self, index: FloatArray) -> FloatArray:
         """(N,) merit of indices (N, R)."""
         credit = self.group_values(index).sum(axis=1)
-        return np.asarray(credit - PENALTY_PER_SIGMA * self.shortfall(index))
+        return np.asarray(credit - self.penalty * self.shortfall(index))
 
 
 def max_min(table: RowTable) -> Merit:
@@ -108,6 +110,28 @@ class Step:
     duals: Duals
 
 
+class Table(Protocol):
+    """Rows that a search maximises: sigma-indices, or the paper's own forms."""
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """Requirement of each row, (R,)."""
+        ...
+
+    @property
+    def curved(self) -> BoolArray:
+        """Rows that are no distance to a facet, (R,)."""
+        ...
+
+    def index(self, views: Views) -> FloatArray:
+        """Values (N, R)."""
+        ...
+
+    def linearise(self, views: Views, chart: Chart) -> Linearised:
+        """Values and slopes."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """Box (n,) of the step and lens values of one view, mm."""
@@ -126,7 +150,7 @@ class LinearModel:
     index + v >= floor, lens bounds on d.
     """
 
-    def __init__(self, table: RowTable, chart: Chart, merit: Merit) -> None:
+    def __init__(self, table: Table, chart: Chart, merit: Merit) -> None:
         self.table = table
         self.chart = chart
         self.merit = merit
@@ -152,7 +176,7 @@ class LinearModel:
         n_groups = len(self.merit.caps)
         cost = np.zeros(rows.shape[1])
         cost[self.chart.n :] = 1.0
-        cost[-1] = -PENALTY_PER_SIGMA
+        cost[-1] = -self.merit.penalty
         solution = self._solver.maximise(
             cost,
             np.concatenate([rows, bounds]),
