@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from mvp.geometry import FloatArray
+    from mvp.geometry import BoolArray, FloatArray
 
 _DIRECTIONS = np.deg2rad(np.arange(0, 360, 30))
 _REACHES = (1.1, 1.9, 3.0, 4.5, 6.5)
@@ -70,13 +70,12 @@ def _free(
     anchors: FloatArray,
     low: FloatArray,
     high: FloatArray,
-) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+) -> BoolArray:
     """Which places (n,) are inside the drawing and cover no label and no anchor."""
     inside = ((centres - half >= low) & (centres + half <= high)).all(axis=1)
     overlap = (centres[:, None] - half < taken[:, 2:]) & (
         centres[:, None] + half > taken[:, :2]
     )
     covers = np.abs(centres[:, None] - anchors) < 0.8 * half
-    return np.asarray(
-        inside & ~overlap.all(axis=2).any(axis=1) & ~covers.all(axis=2).any(axis=1)
-    )
+    hidden = np.all(overlap, axis=2).any(axis=1) | np.all(covers, axis=2).any(axis=1)
+    return np.asarray(inside & ~hidden)

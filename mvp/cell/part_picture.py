@@ -145,13 +145,15 @@ def _probe_points(catalogue: FeatureCatalogue, entry: Entry) -> FloatArray:
     mix = mix / mix.sum(axis=1, keepdims=True)
     points = np.einsum("pk,nkc->npc", mix, corners).reshape(-1, 3)
     areas = np.repeat(catalogue.mesh.areas_mm2[catalogue.patches[number]], 4)
-    return points[np.argsort(-areas, kind="stable")[: 16 * _SAMPLES]]
+    order = np.argsort(-areas, kind="stable")[: 16 * _SAMPLES]
+    return np.asarray(points[order])
 
 
 def _anchor(entry: Entry, seen: FloatArray) -> FloatArray:
     """The visible point that the label points at: near the middle of what is seen."""
     middle = entry.position_mm if entry.kind == "face" else np.median(seen, axis=0)
-    return seen[int(np.argmin(np.linalg.norm(seen - middle, axis=1)))]
+    nearest = int(np.argmin(np.linalg.norm(seen - middle, axis=1)))
+    return np.asarray(seen[nearest])
 
 
 def _draw_surface(
@@ -253,7 +255,8 @@ def _draw_labels(axes: Axes, drawing: Drawing, shown: list[_Shown]) -> int:
         )
         axes.plot(*label.anchor, ".", color=label.colour, markersize=4, zorder=5)
         axes.text(
-            *centre,
+            float(centre[0]),
+            float(centre[1]),
             label.text,
             color="white",
             fontsize=8.5,

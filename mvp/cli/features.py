@@ -17,7 +17,11 @@ if TYPE_CHECKING:
 
 _TITLES = {
     "edge": ("straight edges", "length, mm", "middle, mm"),
-    "hole": ("rims of round holes", "diameter, mm", "centre, mm"),
+    "hole": (
+        "rims of round holes (note: depth, error of the rim polygon, mm)",
+        "diameter, mm",
+        "centre, mm",
+    ),
     "face": ("planar faces", "area, mm²", "centroid, mm"),
 }
 

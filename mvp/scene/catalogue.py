@@ -153,8 +153,8 @@ class FeatureCatalogue:
                 hole.diameter_mm,
                 hole.centre_mm,
                 hole.axis,
-                f"{'through' if hole.through else 'blind'} {hole.depth_mm:.3g} mm, "
-                f"rim ±{hole.polygon_error_mm:.2g}",
+                f"{'through' if hole.through else 'blind'} {hole.depth_mm:.3g}, "
+                f"±{hole.polygon_error_mm:.2g}",
             )
             for hole in self.holes
         ]

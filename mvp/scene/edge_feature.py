@@ -110,7 +110,9 @@ def edge_feature(
             the part.
     """
     checked_mesh(mesh, feature=id)
-    ends = checked_points([start_mm, end_mm], feature=id)
+    ends = np.vstack(
+        [checked_points(end, feature=id)[:1] for end in (start_mm, end_mm)]
+    )
     length = float(np.linalg.norm(ends[1] - ends[0]))
     if length <= tolerance_mm:
         raise FeatureError(

@@ -130,7 +130,8 @@ def _corners(points: FloatArray, ring: list[int]) -> IntArray:
     after = np.roll(here, -1, axis=0) - here
     scale = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
     turns = np.abs(cross2(before, after)) > _STRAIGHT * scale
-    return np.array(ring, dtype=np.int64)[turns]
+    corners: IntArray = np.array(ring, dtype=np.int64)[turns]
+    return corners
 
 
 def smallest_rectangle(points: FloatArray) -> FloatArray:
