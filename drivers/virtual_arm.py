@@ -233,7 +233,7 @@ class VirtualArm:
     def _stand_still(self) -> None:
         """Wait out the braking ramp."""
         never = threading.Event()
-        while (left := self._world.arm.end_s - self._clock.now_s()) > 0:
+        while (left := self._world.arm_end_s() - self._clock.now_s()) > 0:
             self._clock.wait(never, left)
 
     def _arrived(self, target: FloatArray, deadline: float) -> ArmState:

@@ -158,6 +158,11 @@ class VirtualWorld:
             self.arm.halt(t_s)
             return self.arm.end_s
 
+    def arm_end_s(self) -> float:
+        """When the last motion of the arm ends or ended, s."""
+        with self._lock:
+            return self.arm.end_s
+
     def arm_joints(self, t_s: float) -> FloatArray:
         """What the encoders say at a moment (dof,)."""
         with self._lock:

@@ -68,7 +68,8 @@ class Obstacle:
         outside = self.blocks.distance(p, q, far_mm)
         suspect = np.flatnonzero(self.mesh.bounds.contains(p) & (outside > 0))
         if len(suspect):
-            inside = suspect[self.blocks.winding(p[suspect]) > 0.5]
+            # A mesh with all its faces turned inwards is the same solid.
+            inside = suspect[np.abs(self.blocks.winding(p[suspect])) > 0.5]
             outside[inside] *= -1.0
         return outside
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 ROLLS = 24
 _COMFORT_RAD = np.radians(20.0)
 _COMFORT_MM = 40.0
-_LOOKED_AT = 64
+_AT_ONCE = 64
 
 
 @dataclass(frozen=True)
@@ -135,30 +135,33 @@ def realisations(
         rolls: number of rolls tried.
     """
     asked = _asked_rotations(part_from_camera, rolls if free_roll else 0)
-    joints, exists, cameras = _branches(placement, part_from_camera, asked)
+    joints, exists = _branches(placement, part_from_camera, asked)
     reasons: Counter[str] = Counter()
     if not exists.any():
         return Unreachable((_out_of_reach(placement, asked, joints),))
-    which = np.argwhere(exists)
     found = joints[exists]
     slack = _reach_slack(placement, found, reasons)
     order = _preferred(placement, found, slack)
     accepted: list[Realisation] = []
-    if len(order):
-        clear = placement.bodies.pairs(found[order])
-        for row, k in enumerate(order):
+    for start in range(0, len(order), _AT_ONCE):
+        part = order[start : start + _AT_ONCE]
+        clear = placement.bodies.pairs(found[part])
+        for row, k in enumerate(part):
             near = clear.nearest(row) if clear.names else _nothing(placement)
-            camera = cameras[which[k][0]]
-            one = _judged(placement, found[k], camera, float(slack[k]), near, reasons)
+            one = _judged(placement, found[k], float(slack[k]), near, reasons)
             if one is not None:
                 accepted.append(one)
-    if not accepted:
-        return Unreachable(tuple(reason for reason, _ in reasons.most_common()))
-    model = placement.bodies.model
-    away = [
-        float(np.abs((a.joints - placement.near) / model.joint_speed).max())
-        for a in accepted
-    ]
+        if accepted:
+            return _best_first(placement, accepted)
+    return Unreachable(tuple(reason for reason, _ in reasons.most_common()))
+
+
+def _best_first(
+    placement: Placement, accepted: list[Realisation]
+) -> tuple[Realisation, ...]:
+    """By score, then by the time that the slowest axis needs from the reference."""
+    speed = placement.bodies.model.joint_speed
+    away = [float(np.abs((a.joints - placement.near) / speed).max()) for a in accepted]
     best = np.lexsort((away, [-round(a.score, 3) for a in accepted]))
     return tuple(accepted[k] for k in best)
 
@@ -177,8 +180,8 @@ def _asked_rotations(part_from_camera: Pose, rolls: int) -> FloatArray:
 
 def _branches(
     placement: Placement, part_from_camera: Pose, asked: FloatArray
-) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """Joints (M, B, dof), which exist (M, B), and the cameras (M, 3, 3) in base."""
+) -> tuple[FloatArray, BoolArray]:
+    """Joints (M, B, dof) of every attainable roll, and which of them exist (M, B)."""
     model, hand = placement.bodies.model, placement.tool_from_camera
     cameras = placement.base_from_part.rotation @ asked
     given = model.camera_rotations(cameras[:1, :, 2], cameras[None], hand.rotation)[0]
@@ -188,8 +191,7 @@ def _branches(
     pupil = placement.base_from_part.apply(part_from_camera.translation_mm)
     tools = given @ hand.rotation.T
     flange = pupil - tools @ hand.translation_mm
-    joints, exists = model.inverse_batch(tools, flange, near=placement.near)
-    return joints, exists, given
+    return model.inverse_batch(tools, flange, near=placement.near)
 
 
 def _out_of_reach(placement: Placement, asked: FloatArray, joints: FloatArray) -> str:
@@ -228,18 +230,16 @@ def _reach_slack(
 
 
 def _preferred(placement: Placement, found: FloatArray, slack: FloatArray) -> IntArray:
-    """The acceptable configurations by slack and nearness, not too many."""
+    """The acceptable configurations, by slack and nearness."""
     model = placement.bodies.model
     away = np.abs((found - placement.near) / model.joint_speed).max(axis=1)
     order = np.lexsort((away, -np.minimum(np.round(slack, 1), 1.0)))
-    kept = order[slack[order] >= 0]
-    return np.asarray(kept[:_LOOKED_AT], dtype=np.int64)
+    return np.asarray(order[slack[order] >= 0], dtype=np.int64)
 
 
 def _judged(
     placement: Placement,
     joints: FloatArray,
-    camera_base: FloatArray,
     slack: float,
     nearest: Nearest,
     reasons: Counter[str],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
@@ -32,7 +32,14 @@ if TYPE_CHECKING:
 
     from mvp.devices import Device, Role
 
-HOME_DEG = (0.0, -90.0, 90.0, -90.0, -90.0, 0.0)
+_START: dict[str, tuple[float, ...]] = {
+    "ur5e": tuple(np.radians([0.0, -90.0, 90.0, -90.0, -90.0, 0.0]).tolist()),
+    "gantry_xyz_pan_tilt": (0.0, 0.0, 530.0, 0.0, 0.0),
+}
+_PLACE = {
+    "ur5e": (-491.9, -133.3, 60.0),
+    "gantry_xyz_pan_tilt": (0.0, 0.0, 60.0),
+}
 _FACES = [
     [0, 1, 3],
     [0, 3, 2],
@@ -69,9 +76,13 @@ def block(low_mm: tuple[float, ...], high_mm: tuple[float, ...]) -> TriangleMesh
 
 
 def example_belief(
-    *, width_px: int = 160, height_px: int = 128, e_mm: float = 0.0
+    *,
+    width_px: int = 160,
+    height_px: int = 128,
+    e_mm: float = 0.0,
+    arm_model: Literal["ur5e", "gantry_xyz_pan_tilt"] = "ur5e",
 ) -> WorldBelief:
-    """A 60 mm block before a UR5e at home, seen by a small camera looking down."""
+    """A 60 mm block under an arm at home, seen by a small camera looking down."""
     stamp = Provenance(
         date="2026-01-01", device_serial="", method="example", simulated=True
     )
@@ -99,13 +110,13 @@ def example_belief(
     return WorldBelief(
         block((-30.0, -30.0, 0.0), (30.0, 30.0, 40.0)),
         (),
-        "ur5e",
-        tuple(np.radians(HOME_DEG).tolist()),
+        arm_model,
+        _START[arm_model],
         camera,
         lens,
         Pose.from_rotvec("tool", "camera", [0.0, 0.0, 0.0], [0.0, 0.0, 90.0]),
         13.0,
-        Pose.from_rotvec("base", "part", [0.0, 0.0, 0.0], [-491.9, -133.3, 60.0]),
+        Pose.from_rotvec("base", "part", [0.0, 0.0, 0.0], _PLACE[arm_model]),
     )
 
 

@@ -8,6 +8,7 @@ from mvp.testing import (
     CameraConformance,
     LensConformance,
     VirtualCell,
+    example_belief,
     virtual_cell,
 )
 
@@ -28,6 +29,14 @@ class TestVirtualArm(ArmConformance):
 
     def targets(self) -> tuple[list[float], list[float]]:
         return HOME, [0.4, -1.4, 1.3, -1.5, -1.6, 0.5]
+
+
+class TestVirtualGantry(ArmConformance):
+    def device(self) -> Arm:
+        return virtual_cell(belief=example_belief(arm_model="gantry_xyz_pan_tilt")).arm
+
+    def targets(self) -> tuple[list[float], list[float]]:
+        return [0.0, 0.0, 500.0, 0.0, 0.0], [80.0, -40.0, 450.0, 0.5, 0.3]
 
 
 class TestVirtualLens(LensConformance):
