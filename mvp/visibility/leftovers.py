@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, IntArray
 
-_SHRINK = 1e-5
+_SHRINK = 1e-7
 _PAIRS_AT_ONCE = 1 << 21
 
 
@@ -19,7 +19,7 @@ def reaching_into(
 ) -> BoolArray:
     """Which triangles (m, 3, 3) meet the open solid bounded by a closed mesh.
 
-    Each is shrunk by 1e-5 towards its middle, so that touching neighbours do not
+    Each is shrunk by 1e-7 towards its middle, so that touching neighbours do not
     count. Doubtful cases count as meeting.
 
     Args:

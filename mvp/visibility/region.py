@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 _BOUNDARY_MM = 1e-6
 _WALL_SHARE = 1e-9
 _FEW_PAIRS = 1 << 16
-_PERPENDICULAR = 1 - 1e-9
-_SLIVER_MM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -147,8 +145,10 @@ class Region:
     def contains(self, points_mm: ArrayLike) -> BoolArray:
         """Which points (N, 3) see the feature whole; the boundary itself does not."""
         points = as_points(points_mm).reshape(-1, 3)
-        inside, distance = self._sides(points)
-        return np.asarray(inside & (distance > _BOUNDARY_MM))
+        inside = self._inside(points)
+        rows = np.flatnonzero(inside)
+        inside[rows] = self._everything.closest(points[rows])[0] > _BOUNDARY_MM
+        return inside
 
     def signed_distance(self, points_mm: ArrayLike) -> FloatArray:
         """Distance (N,) to the region's boundary, mm, positive inside.
@@ -164,7 +164,7 @@ class Region:
     ) -> tuple[FloatArray, FloatArray]:
         """Signed distance (N,), mm, and its gradient (N, 3), a unit vector."""
         points = as_points(points_mm).reshape(-1, 3)
-        inside = self._sides(points)[0]
+        inside = self._inside(points)
         distance = np.where(inside, 1.0, -1.0) * self.workspace.diagonal_mm
         gradient = np.zeros_like(points)
         for side, counted in ((True, self._counted), (False, self._everything)):
@@ -190,23 +190,18 @@ class Region:
         points = as_points(points_mm).reshape(-1, 3)
         return self._counted.facets.nearest(points, k, self.workspace.diagonal_mm)
 
-    def _sides(self, points: FloatArray) -> tuple[BoolArray, FloatArray]:
-        """Whether inside (N,), and the distance (N,) to the boundary in the box, mm.
+    def _inside(self, points: FloatArray) -> BoolArray:
+        """Side of the boundary by winding number; outside the box is outside.
 
-        Where the closest point lies inside a face, its normal tells the side; at edges
-        and corners, and on slivers, the winding number does.
+        The normal at the closest point would not do: two faces of a fin without
+        thickness are equally close and look in opposite directions.
         """
-        reach = np.full(len(points), np.inf)
         if self.empty:
-            return np.zeros(len(points), dtype=np.bool_), reach
+            return np.zeros(len(points), dtype=np.bool_)
         inside = self.workspace.contains(points)
         rows = np.flatnonzero(inside)
-        distance, towards, inward = self._everything.closest(points[rows])
-        along = np.einsum("nd,nd->n", towards, inward)
-        inside[rows], reach[rows] = along > 0, distance
-        rows = rows[~(np.abs(along) > _PERPENDICULAR * distance)]
         inside[rows] = self._winding(points[rows]) > 0.5
-        return inside, reach
+        return inside
 
     def _winding(self, points: FloatArray) -> FloatArray:
         """Winding number (n,) of the mesh about points (n, 3)."""
@@ -236,25 +231,23 @@ class Boundary:
         vertices_mm: (n, 3) of the whole mesh.
         faces: (m, 3) those that count.
         facets: the same triangles, for nearest-facet queries.
-        sound: (m,) high enough for its normal to be trusted.
     """
 
     vertices_mm: FloatArray
     faces: IntArray
     facets: FacetSet
-    sound: BoolArray
 
     @classmethod
     def of(cls, mesh: TriangleMesh, counted: BoolArray) -> Boundary:
         """The triangles of a mesh that count."""
-        triangles = mesh.triangles_mm[counted]
-        sides = triangles - np.roll(triangles, 1, axis=1)
-        longest = np.linalg.norm(sides, axis=2).max(axis=1)
         return cls(
             np.array(mesh.vertices_mm),
             np.ascontiguousarray(mesh.faces[counted]),
-            FacetSet(triangles, mesh.face_ids[counted], -mesh.normals[counted]),
-            2 * mesh.areas_mm2[counted] > _SLIVER_MM * longest,
+            FacetSet(
+                mesh.triangles_mm[counted],
+                mesh.face_ids[counted],
+                -mesh.normals[counted],
+            ),
         )
 
     @cached_property
@@ -264,10 +257,7 @@ class Boundary:
         return tree
 
     def closest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Distance (n,), vector from the closest point (n, 3), inward normal (n, 3).
-
-        The normal of a sliver is returned as zero.
-        """
+        """Distance (n,), vector from the closest point (n, 3), inward normal (n, 3)."""
         if not len(self.faces) or not len(points):
             nothing = np.zeros((len(points), 3))
             return np.full(len(points), np.inf), nothing, nothing
@@ -275,7 +265,7 @@ class Boundary:
             self.vertices_mm, self.faces, np.ascontiguousarray(points)
         )
         index = np.asarray(index).reshape(-1)
-        inward = self.facets.inward[index] * self.sound[index, None]
+        inward = self.facets.inward[index]
         return np.sqrt(np.asarray(squared).reshape(-1)), points - closest, inward
 
 

@@ -58,9 +58,10 @@ class Caster:
             points = np.concatenate([np.zeros((1, 3)), far]) + occluder_mm[:, None]
             return self._hull(points.reshape(-1, 3))
         push = self._push(occluder_mm, longest)
-        if push * longest > _LONGEST_PUSH * self.reach_mm:
-            return self._by_planes(occluder_mm)
-        return careful_hull(_pushed(occluder_mm, away, push))
+        solid = None
+        if push * longest <= _LONGEST_PUSH * self.reach_mm:
+            solid = careful_hull(_pushed(occluder_mm, away, push))
+        return self._by_planes(occluder_mm) if solid is None else solid
 
     def _hull(self, points_mm: FloatArray) -> Manifold:
         """Hull, in coordinates about the workspace's middle to keep digits."""
@@ -80,7 +81,8 @@ class Caster:
         push = 1.01 * self.reach_mm / gap
         if gap * _NEAR_SCALE > np.linalg.norm(away, axis=2).max():
             return self._hull(_pushed(points_mm, away, push))
-        return careful_hull(_pushed(points_mm, away, push))
+        solid = careful_hull(_pushed(points_mm, away, push))
+        return self._hull(_pushed(points_mm, away, push)) if solid is None else solid
 
     def _push(self, occluder_mm: FloatArray, longest_mm: float) -> float:
         """Multiple of p - q that passes the workspace.
@@ -119,15 +121,15 @@ def _pushed(occluder: FloatArray, away: FloatArray, push: float) -> FloatArray:
     return np.concatenate([occluder, far.reshape(-1, 3)])
 
 
-def careful_hull(points_mm: FloatArray) -> Manifold:
+def careful_hull(points_mm: FloatArray) -> Manifold | None:
     """Hull that keeps double precision even where points lie far apart.
 
-    Flat input has no hull; the answer is then empty.
+    None where that fails, as it does for flat input.
     """
     try:
         hull = ConvexHull(points_mm)
     except QhullError:
-        return Manifold()
+        return None
     faces = hull.simplices.astype(np.int64)
     a, b, c = np.moveaxis(points_mm[faces], 1, 0)
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
@@ -135,9 +137,7 @@ def careful_hull(points_mm: FloatArray) -> Manifold:
     used, index = np.unique(faces, return_inverse=True)
     triangles = index.reshape(-1, 3).astype(np.uint64)
     solid = Manifold(Mesh64(np.ascontiguousarray(points_mm[used]), triangles))
-    if solid.status() != Error.NoError:
-        raise ArithmeticError(f"the hull of {len(points_mm)} points is not closed")
-    return solid
+    return solid if solid.status() == Error.NoError else None
 
 
 def separation_mm(points_mm: FloatArray, feature_mm: FloatArray) -> float:
