@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mvp.geometry import FloatArray, Pose
 from mvp.kinematics.clearance import CellBodies, Nearest
+from mvp.kinematics.roundabout import Explorer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 _RAISE_MM = (100.0, 250.0)
 _FIRST_SAMPLES = 16
@@ -111,8 +116,12 @@ def find_path(
     home: FloatArray | None = None,
     required_mm: float = 0.0,
     resolution_mm: float = 2.0,
+    seed: int = 0,
 ) -> JointPath | NoPath:
-    """A clear path from start to goal: straight, over raised points, or through home.
+    """A clear path from start to goal: the simplest of several kinds.
+
+    Straight, through home, over raised points, and at last a search in joint space,
+    which finds most ways there are but proves nothing when it finds none.
 
     Args:
         bodies: the cell.
@@ -121,15 +130,48 @@ def find_path(
         home: (dof,) a place to pass through, if any.
         required_mm: clearance that every moment must keep.
         resolution_mm: see ``segment_clearance``.
+        seed: of the search in joint space.
     """
+    ends = _ends(bodies, start, goal, required_mm)
+    if ends is not None:
+        return ends
     tried: list[tuple[str, Nearest]] = []
-    for words, middle in _ways(bodies, start, goal, home):
+    ways = chain(
+        _ways(bodies, start, goal, home),
+        _searched(bodies, start, goal, required_mm, seed),
+    )
+    for words, middle in ways:
         waypoints = np.array([start, *middle, goal], dtype=np.float64)
         clearance = _along(bodies, waypoints, required_mm, resolution_mm)
         if clearance.certified_mm >= required_mm:
             return JointPath(waypoints, clearance, words)
         tried.append((words or "straight", clearance.nearest))
     return NoPath(tuple(tried))
+
+
+def _ends(
+    bodies: CellBodies, start: FloatArray, goal: FloatArray, required_mm: float
+) -> NoPath | None:
+    """No way can help when the start or the goal itself is too close."""
+    for words, joints in (("at the start", start), ("at the goal", goal)):
+        nearest = bodies.nearest(np.asarray(joints, np.float64))
+        if nearest.distance_mm < required_mm:
+            return NoPath(((words, nearest),))
+    return None
+
+
+def _searched(
+    bodies: CellBodies,
+    start: FloatArray,
+    goal: FloatArray,
+    required_mm: float,
+    seed: int,
+) -> Iterator[tuple[str, list[FloatArray]]]:
+    """The search, begun only when everything simpler has failed."""
+    explorer = Explorer(bodies, required_mm, seed=seed)
+    way = explorer.way(np.asarray(start, np.float64), np.asarray(goal, np.float64))
+    if way is not None:
+        yield f"{len(way)} searched points", way
 
 
 def _ways(

@@ -156,3 +156,22 @@ def test_a_body_in_the_line_of_sight_is_named_but_the_lens_itself_is_not():
     up_through_the_flange = np.add(pupil, [0, 0, 300.0])
     assert blocked_sight(bodies, pupil, down[None]) == ()
     assert "wrist 3 link" in blocked_sight(bodies, pupil, up_through_the_flange[None])
+
+
+def test_a_way_that_no_simple_move_gives_is_searched_and_certified():
+    bodies = cell(("wall", [-900, 90, -200], [-330, 130, 1200]))
+    goal = HOME + np.radians([-70.0, 0, 0, 0, 0, 0])
+    path = find_path(bodies, HOME, goal, required_mm=5.0)
+    assert isinstance(path, JointPath), path.reason
+    assert "searched" in path.via
+    assert path.clearance.certified_mm >= 5
+    again = find_path(bodies, HOME, goal, required_mm=5.0)
+    assert isinstance(again, JointPath)
+    np.testing.assert_array_equal(again.waypoints, path.waypoints)
+
+
+def test_a_goal_that_is_itself_too_close_is_named():
+    bodies = cell(("wall", [-900, -300, 300], [-100, 60, 420]))
+    path = find_path(bodies, np.radians([90.0, -90, 90, -90, -90, 0]), HOME)
+    assert isinstance(path, NoPath)
+    assert "at the goal" in path.reason
