@@ -137,9 +137,10 @@ def _edges(view: CameraView, grey: Float32Array, quality: RenderQuality) -> None
     if quality.method == "borders":
         lens = {"defocus": quality.defocus, "diffraction": quality.diffraction}
         pieces = visible_pieces(view, margin_px(view, **lens))
-        spread = spread_of(view, pieces, **lens)
-        mix_borders(view, grey, pieces, spread)
-        missed &= ~_drawn(view, pieces)
+        strong = pieces.strong()
+        near = _drawn(view, pieces)
+        mix_borders(view, grey, strong, spread_of(view, strong, **lens), near)
+        missed &= ~near
     if missed.any():
         pixels = np.flatnonzero(_grown(missed, _reach_px(view, quality)))
         samples = _samples(view, quality.edge_samples, quality)

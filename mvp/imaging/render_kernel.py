@@ -20,11 +20,11 @@ from mvp.imaging.diffraction import THIRD_RING, airy_transfer
 
 if TYPE_CHECKING:
     from mvp.geometry import FloatArray, IntArray
+    from mvp.imaging.light import Float32Array
 
-LEVEL_RATIO = 1.02
-"""Blur diameters are rounded to powers of this: at most 1 % off."""
-
-_SMALLEST_BLUR_PX = 0.05
+_LEVEL_STEP = 0.03  # blur diameters are rounded: at most 1.5 % or 0.01 px off
+_LEVEL_KNEE_PX = 0.7
+_SMALLEST_BLUR_PX = 0.01
 _RADIAL_STEPS = 96
 _ANGULAR_STEPS = 48
 _FINE_ANGLES = 129
@@ -43,24 +43,27 @@ class WedgeTables:
         values: (levels, radial + 1, angular + 1) over sqrt(rho / radius) and phi.
     """
 
-    radius_px: FloatArray
-    values: FloatArray
+    radius_px: Float32Array
+    values: Float32Array
 
     def wedge(
-        self, level: IntArray, height_px: FloatArray, along_px: FloatArray
-    ) -> FloatArray:
+        self, level: IntArray, height_px: Float32Array, along_px: Float32Array
+    ) -> Float32Array:
         """W (n,) of end points along a border at height >= 0; odd in ``along``."""
         radius = self.radius_px[level]
-        limit = np.sqrt(np.maximum(radius**2 - height_px**2, 0.0))
+        squared = height_px * height_px
+        limit = np.sqrt(np.maximum(radius * radius - squared, 0))
         reach = np.minimum(np.abs(along_px), limit)
-        rho = np.sqrt(height_px**2 + reach**2) / radius
-        phi = np.arctan2(reach, height_px) * (_ANGULAR_STEPS * 2 / np.pi)
-        u = np.minimum(np.sqrt(rho) * _RADIAL_STEPS, _RADIAL_STEPS - 1e-9)
-        v = np.minimum(phi, _ANGULAR_STEPS - 1e-9)
+        rho = np.sqrt(squared + reach * reach) / radius
+        phi = np.arctan2(reach, height_px) * np.float32(_ANGULAR_STEPS * 2 / np.pi)
+        u = np.minimum(np.sqrt(rho) * _RADIAL_STEPS, _RADIAL_STEPS - 1e-4)
+        v = np.minimum(phi, _ANGULAR_STEPS - 1e-4)
         return np.asarray(np.sign(along_px) * self._bilinear(level, u, v))
 
-    def _bilinear(self, level: IntArray, u: FloatArray, v: FloatArray) -> FloatArray:
-        row, column = u.astype(np.int64), v.astype(np.int64)
+    def _bilinear(
+        self, level: IntArray, u: Float32Array, v: Float32Array
+    ) -> Float32Array:
+        row, column = u.astype(np.int32), v.astype(np.int32)
         u, v = u - row, v - column
         width = _ANGULAR_STEPS + 1
         base = (level * (_RADIAL_STEPS + 1) + row) * width + column
@@ -72,10 +75,10 @@ class WedgeTables:
 
 def blur_levels(blur_px: FloatArray) -> tuple[FloatArray, IntArray]:
     """Distinct rounded blur diameters, and which of them each value takes."""
-    clipped = np.maximum(blur_px, _SMALLEST_BLUR_PX)
-    steps = np.round(np.log(clipped) / np.log(LEVEL_RATIO)).astype(np.int64)
+    steps = np.round(np.arcsinh(blur_px / _LEVEL_KNEE_PX) / _LEVEL_STEP)
     unique, level = np.unique(steps, return_inverse=True)
-    return LEVEL_RATIO ** unique.astype(np.float64), level.reshape(-1)
+    blurs = np.sinh(unique * _LEVEL_STEP) * _LEVEL_KNEE_PX
+    return np.maximum(blurs, _SMALLEST_BLUR_PX), level.reshape(-1)
 
 
 def subpixels_needed(blur_px: float, airy_px: float) -> int:
@@ -119,7 +122,8 @@ def wedge_tables(
         share = np.where(grid < radius, outside[k] - last * grid / radius, 0.0)
         energy[k] = np.interp(crossing * radius, grid, share, right=0.0)
     running = _running_integral(energy)
-    return WedgeTables(radii, _sampled(running, u, v))
+    values = _sampled(running, u, v).astype(np.float32)
+    return WedgeTables(radii.astype(np.float32), values)
 
 
 def _energy_outside(

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from mvp.imaging.render_visible import Pieces
 
 _TIE_PX = 0.004
+_COARSE = 8
 _PAIRS_PER_CHUNK = 2_000_000
 
 
@@ -66,26 +67,44 @@ def margin_px(view: CameraView, *, defocus: bool, diffraction: bool) -> float:
     """How far outside the frame a border may still matter."""
     pitch = float(view.pitch_mm.min())
     airy = view.optics.airy_unit_mm / pitch * float(diffraction)
-    depth = view.depth_mm[np.isfinite(view.depth_mm)]
+    coarse = view.triangles[::_COARSE, ::_COARSE].reshape(-1)
+    rays = view.rays.directions[::_COARSE, ::_COARSE].reshape(-1, 3)
+    depth = view.depths(coarse, rays)
+    depth = depth[np.isfinite(depth)]
     ends = np.array([depth.min(), depth.max()]) if depth.size else np.ones(1)
     blur = view.optics.blur_mm(ends) / pitch * float(defocus)
     return float(spread_radius_px(blur, airy, 1).max()) + 2.0
 
 
 def mix_borders(
-    view: CameraView, grey: Float32Array, pieces: Pieces, spread: Spread
+    view: CameraView,
+    grey: Float32Array,
+    pieces: Pieces,
+    spread: Spread,
+    near: BoolArray,
 ) -> None:
-    """Draw the borders into a picture of one ray per pixel, in place."""
+    """Draw the borders into a picture of one ray per pixel, in place.
+
+    Args:
+        view: camera and scene.
+        grey: (rows, columns) the picture.
+        pieces: visible border pieces.
+        spread: their spread.
+        near: (rows, columns) pixels that a border may cross. In the others all parts of
+            a pixel lie on one side, and slopes cancel between opposite parts.
+    """
     pairs = _pairs(view, pieces, spread)
     pixels = _touched(view, pairs)
     if not len(pixels):
         return
     total = np.zeros(len(pixels))
     flat = grey.reshape(-1)
+    crossed = np.flatnonzero(near.reshape(-1)[pixels])
     for shift in _part_centres(spread.parts):
         base = flat[pixels]
         if spread.parts > 1:
-            base = _base(view, pixels, np.broadcast_to(shift, (len(pixels), 2)), base)
+            shifts = np.broadcast_to(shift, (len(crossed), 2))
+            base[crossed] = _base(view, pixels[crossed], shifts, base[crossed])
         total += _mixed(view, pixels, shift, base, _Borders(pieces, spread, pairs))
     flat[pixels] = total / spread.parts**2
 
@@ -202,7 +221,7 @@ def _pair_changes(
     above = np.abs(height)
     near = np.flatnonzero(above < spread.tables.radius_px[level])
     height, passed, length, above = (
-        values[near] for values in (height, passed, length, above)
+        values[near].astype(np.float32) for values in (height, passed, length, above)
     )
     wedge = spread.tables.wedge(level[near], above, length - passed)
     wedge += spread.tables.wedge(level[near], above, passed)

@@ -28,6 +28,7 @@ _NEAR_MM = 1.0
 _ON_PLANE_MM = 2e-3
 _ON_PLANE_RELATIVE = 2e-6
 _FRAME_SAMPLES = 33
+_FAINTEST_STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,12 @@ class Pieces:
     end_px: FloatArray
     step: FloatArray
     depth_mm: FloatArray
+
+    def strong(self) -> Pieces:
+        """The pieces whose two sides differ."""
+        seen = (np.abs(self.step) > _FAINTEST_STEP).any(axis=1)
+        ends = self.start_px[seen], self.end_px[seen]
+        return Pieces(*ends, self.step[seen], self.depth_mm[seen])
 
 
 @dataclass(frozen=True, eq=False)
