@@ -4,27 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from mvp.cell.documents import RunSummary
 from mvp.cell.run_folder import list_runs
 from mvp.errors import RecordError
-from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-
-class RunSummary(FileModel):
-    """One line of ``mvp-cell runs``."""
-
-    run_id: str
-    folder: str
-    status: str
-    cell: str = ""
-    task: str = ""
-    part_id: str = ""
-    started_utc: str = ""
-    simulated: bool = False
-    views: int = 0
-    verified: int = 0
 
 
 def summaries(parent: Path) -> list[RunSummary]:

@@ -11,7 +11,8 @@ def drivers(as_json: JsonOption = False) -> int:
     """List installed drivers: key, role, who ships them, and why one does not load."""
     from rich.table import Table
 
-    from mvp.cli.output import console, print_document
+    from mvp.cell.documents import DriverItem, DriversDocument
+    from mvp.cli.output import console, print_model
     from mvp.devices import list_drivers
 
     found = list_drivers()
@@ -22,10 +23,5 @@ def drivers(as_json: JsonOption = False) -> int:
         )
     console().print(table)
     if as_json:
-        print_document(
-            {
-                "schema": "mvp-cell/drivers/1",
-                "drivers": [asdict(entry) for entry in found],
-            }
-        )
+        print_model(DriversDocument(drivers=[DriverItem(**asdict(e)) for e in found]))
     return 0

@@ -18,15 +18,14 @@ def init(
     as_json: JsonOption = False,
 ) -> int:
     """Copy a bundled cell with its task, part and calibration files, to edit."""
+    from mvp.cell.documents import InitDocument
     from mvp.cell.init_job import copy_cell
-    from mvp.cli.output import console, print_document
+    from mvp.cli.output import console, print_model
 
     files = copy_cell(source, folder)
     lines = console()
     lines.print(f"{len(files)} files of the {source} cell are now in {folder}")
     lines.print(f"next: edit {folder / 'cell.toml'}, then `mvp-cell run {folder}`")
     if as_json:
-        print_document(
-            {"schema": "mvp-cell/init/1", "folder": str(folder), "files": files}
-        )
+        print_model(InitDocument(folder=str(folder), files=files))
     return 0

@@ -22,6 +22,7 @@ _COMMANDS = (
     "run",
     "plan",
     "features",
+    "features",
     "check",
     "home",
     "drivers",
@@ -115,7 +116,7 @@ def _dispatch(arguments: list[str]) -> int:
     except typer.Abort as error:
         raise StoppedByOperator("stopped by the operator") from error
     except _CLICK_ERROR as error:
-        message = str(getattr(error, "format_message", lambda: error)())
+        message = _click_words(error)
         if type(error).__name__ == "NoArgsIsHelpError":
             typer.echo(message, err=True)
             return UsageError.exit_code
@@ -123,6 +124,11 @@ def _dispatch(arguments: list[str]) -> int:
             message, hint=_usage_hint(error), where="command line"
         ) from error
     return result if isinstance(result, int) else 0
+
+
+def _click_words(error: Exception) -> str:
+    words = getattr(error, "format_message", None)
+    return str(words()) if callable(words) else str(error)
 
 
 def _usage_hint(error: object) -> str:

@@ -2,37 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from typing import TYPE_CHECKING, Literal
-
-from pydantic import Field
+from typing import TYPE_CHECKING
 
 from mvp.errors import MvpCellError
-from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
     from rich.console import Console
-
-ERROR_SCHEMA: Literal["mvp-cell/error/1"] = "mvp-cell/error/1"
-
-
-class ErrorDocument(FileModel):
-    """The one document on stdout when a command with ``--json`` fails.
-
-    ``code`` is the exit code, ``kind`` the name of the error, ``where`` the file (with
-    line), device or feature, ``folder`` the run folder when one was begun.
-    """
-
-    schema_: Literal["mvp-cell/error/1"] = Field(default=ERROR_SCHEMA, alias="schema")
-    code: int
-    kind: str
-    where: str
-    message: str
-    hint: str
-    folder: str | None = None
-    may_still_move: str | None = None
 
 
 def console() -> Console:
@@ -45,11 +22,6 @@ def console() -> Console:
 def print_model(model: BaseModel) -> None:
     """The one JSON document of a command, on stdout."""
     print_text(model.model_dump_json(by_alias=True, indent=1))
-
-
-def print_document(document: dict[str, object]) -> None:
-    """The one JSON document of a command, on stdout."""
-    print_text(json.dumps(document, indent=1, allow_nan=False))
 
 
 def print_text(text: str) -> None:
@@ -66,6 +38,8 @@ def report_error(
     moving: str | None = None,
 ) -> int:
     """Tell person and program what went wrong; returns the exit code."""
+    from mvp.cell.documents import ErrorDocument
+
     lines = console()
     lines.print(f"error: {error.message}", style="bold red", markup=False)
     if error.hint:

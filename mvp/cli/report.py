@@ -19,15 +19,14 @@ def report(
     as_json: JsonOption = False,
 ) -> int:
     """Write report.html of a run again, from its folder alone."""
+    from mvp.cell.documents import ReportDocument
     from mvp.cell.report import write_report
     from mvp.cell.run_folder import find_run
-    from mvp.cli.output import console, print_document
+    from mvp.cli.output import console, print_model
 
     folder = find_run(run, [out])
     page = write_report(folder.path)
     console().print(f"report: {page}")
     if as_json:
-        print_document(
-            {"schema": "mvp-cell/report/1", "run_id": folder.run_id, "file": str(page)}
-        )
+        print_model(ReportDocument(run_id=folder.run_id, file=str(page)))
     return 0

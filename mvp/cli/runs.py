@@ -20,8 +20,9 @@ def runs(
     """List the runs kept in a folder."""
     from rich.table import Table
 
+    from mvp.cell.documents import RunsDocument
     from mvp.cell.run_list import summaries
-    from mvp.cli.output import console, print_document
+    from mvp.cli.output import console, print_model
 
     found = summaries(out)
     table = Table("run", "cell", "task", "part", "status", "views")
@@ -34,7 +35,5 @@ def runs(
     else:
         lines.print(f"no runs in {out}")
     if as_json:
-        print_document(
-            {"schema": "mvp-cell/runs/1", "runs": [run.model_dump() for run in found]}
-        )
+        print_model(RunsDocument(runs=found))
     return 0

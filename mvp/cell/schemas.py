@@ -1,0 +1,58 @@
+"""Every file format and document of the program with its JSON schema."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mvp.calibrated import (
+    CameraCalibration,
+    LensTableCalibration,
+    RigidCalibration,
+)
+from mvp.cell.cell_config import CellConfig
+from mvp.cell.check_job import CheckDocument
+from mvp.cell.documents import (
+    DriversDocument,
+    ErrorDocument,
+    InitDocument,
+    ReportDocument,
+    RunsDocument,
+)
+from mvp.cell.features_document import FeaturesDocument
+from mvp.cell.home_job import HomeDocument
+from mvp.cell.plugged_in import DevicesDocument
+from mvp.cell.records import record_schema
+from mvp.cell.run_document import RunDocument
+from mvp.cell.task_config import TaskConfig
+from mvp.planning.plan import Plan
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+MODELS: dict[str, type[BaseModel]] = {
+    "cell": CellConfig,
+    "task": TaskConfig,
+    "camera": CameraCalibration,
+    "lens-table": LensTableCalibration,
+    "rigid": RigidCalibration,
+    "plan": Plan,
+    "run": RunDocument,
+    "features": FeaturesDocument,
+    "error": ErrorDocument,
+    "check": CheckDocument,
+    "home": HomeDocument,
+    "drivers": DriversDocument,
+    "devices": DevicesDocument,
+    "runs": RunsDocument,
+    "report": ReportDocument,
+    "init": InitDocument,
+}
+
+
+def all_schemas() -> dict[str, dict[str, object]]:
+    """JSON schema by file name without its ending."""
+    found: dict[str, dict[str, object]] = {
+        name: model.model_json_schema(by_alias=True) for name, model in MODELS.items()
+    }
+    found["record"] = record_schema()
+    return found
