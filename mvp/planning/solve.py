@@ -212,7 +212,7 @@ def described(
         start=start,
         stage="max-min",
         steps=steps,
-        notes=(*notes, *_warnings(t)),
+        notes=tuple(dict.fromkeys((*notes, *_warnings(t)))),
     )
 
 
