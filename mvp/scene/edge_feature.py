@@ -172,17 +172,33 @@ def _mesh_stretches(
     along = (ends[1] - ends[0]) / length
     offset = mesh.vertices_mm[table.vertices] - ends[0]
     place = offset @ along
-    aside = np.linalg.norm(offset - place[..., None] * along, axis=-1)
     low = np.clip(place.min(axis=1), 0, length)
     high = np.clip(place.max(axis=1), 0, length)
+    aside = _aside(offset - place[..., None] * along, place, low, high)
     folded = (np.abs(table.angle_rad) > _FLAT_RAD) | ~table.regular
     rows = np.flatnonzero(
-        folded & (aside.max(axis=1) <= tolerance_mm) & (high - low > tolerance_mm)
+        folded & (aside <= tolerance_mm) & (high - low > tolerance_mm)
     )
     return [
         _snapped(mesh, table, int(row), place[row], (low[row], high[row]), tolerance_mm)
         for row in rows
     ]
+
+
+def _aside(
+    across: FloatArray, place: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """How far mesh edges (k,) are from a line, at most, between two places on it.
+
+    ``across`` (k, 2, 3) is the offset of the edges' ends from the line, ``place``
+    (k, 2) where on the line they are.
+    """
+    run = place[:, 1] - place[:, 0]
+    safe = np.where(np.abs(run) > 0, run, 1.0)
+    share = (np.stack([low, high], axis=1) - place[:, :1]) / safe[:, None]
+    slope = (across[:, 1] - across[:, 0])[:, None]
+    there = across[:, :1] + np.clip(share, 0, 1)[..., None] * slope
+    return np.asarray(np.linalg.norm(there, axis=-1).max(axis=1))
 
 
 def _snapped(

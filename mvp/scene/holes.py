@@ -152,7 +152,7 @@ def _holes_at(topology: _Topology, ring: IntArray) -> list[HoleFeature]:
     if wall is not None:
         axis, depth = -wall.into_material, wall.depth_mm
         through = bool(np.median(table.angle_rad[wall.far_rows]) > -0.01)
-    elif table.boundary[rows].all():
+    elif table.boundary[rows].all() and _surrounds(mesh, table.faces[rows, 0], circle):
         axis, depth, through = mesh.normals[table.faces[rows[0], 0]], 0.0, True
     else:
         return []
@@ -170,6 +170,12 @@ def _holes_at(topology: _Topology, ring: IntArray) -> list[HoleFeature]:
             mouth_pieces(rim, axis, mesh),
         )
     ]
+
+
+def _surrounds(mesh: TriangleMesh, beside: IntArray, circle: Circle) -> bool:
+    """Whether the triangles at a ring lie outside of it."""
+    middle = mesh.triangles_mm[beside].mean(axis=1) - circle.centre_mm
+    return bool((np.linalg.norm(middle, axis=1) > circle.radius_mm).all())
 
 
 def _is_round(points: FloatArray, circle: Circle) -> bool:
