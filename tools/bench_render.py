@@ -2,8 +2,8 @@
 
     python tools/bench_render.py
 
-The rival casts one float32 ray per pixel with raw embreex, directions ready, and looks
-up a grey per triangle. Ours draws blur, diffraction, distortion and noise.
+The rival turns ready directions into the world, casts one float32 ray per pixel with
+raw embreex and looks up a grey per triangle. Ours draws blur, diffraction, distortion and noise.
 """
 
 from __future__ import annotations

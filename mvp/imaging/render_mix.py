@@ -220,17 +220,17 @@ def _pair_changes(
     level = spread.level[piece]
     above = np.abs(height)
     near = np.flatnonzero(above < spread.tables.radius_px[level])
-    height, passed, length, above = (
-        values[near].astype(np.float32) for values in (height, passed, length, above)
-    )
-    wedge = spread.tables.wedge(level[near], above, length - passed)
-    wedge += spread.tables.wedge(level[near], above, passed)
+    over, which = above[near].astype(np.float32), level[near]
+    ahead = (length - passed)[near].astype(np.float32)
+    wedge = spread.tables.wedge(which, over, ahead)
+    height, passed, length = height[near], passed[near], length[near]
+    wedge += spread.tables.wedge(which, over, passed.astype(np.float32))
     share = np.clip(passed / length, 0.0, 1.0)
     step = pieces.step[piece[near]]
     step = step[:, 0] + share * (step[:, 1] - step[:, 0])
     # Positive height is the right side: from there the step to the far side is minus.
     amount = -np.sign(height) * step * wedge
-    tie = (above < _TIE_PX) & (passed > -_TIE_PX) & (passed < length + _TIE_PX)
+    tie = (over < _TIE_PX) & (passed > -_TIE_PX) & (passed < length + _TIE_PX)
     aside = normal[piece[near[tie]]] * (3 * _TIE_PX)
     return near, amount, tie, aside
 

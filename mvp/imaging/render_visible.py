@@ -82,7 +82,8 @@ def visible_pieces(view: CameraView, margin_px: float) -> Pieces:
     """All visible border pieces within the frame grown by a margin."""
     lines = _projected(view, margin_px)
     if not len(lines.start):
-        return Pieces(*(np.zeros((0, 2)) for _ in range(3)), np.zeros(0))
+        none = np.zeros((0, 2))
+        return Pieces(none, none, none, np.zeros(0))
     cells = np.maximum(1, np.ceil(lines.length_px / _PROBE_STEP_PX)).astype(np.int64)
     line = np.repeat(np.arange(len(cells)), cells)
     number = np.arange(len(line)) - np.repeat(np.cumsum(cells) - cells, cells)
