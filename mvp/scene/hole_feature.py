@@ -147,6 +147,8 @@ def _mouth_is_blocked(rim_mm: FloatArray, axis: FloatArray, mesh: TriangleMesh) 
     height = corners @ axis
     band = 1e-6 * mesh.extent_mm
     near = (height.min(axis=1) <= band) & (height.max(axis=1) >= -band)
+    reach = (corners.min(axis=1) <= inner) & (corners.max(axis=1) >= -inner)
+    near &= reach.all(axis=1)
     points, real = _plane_section(corners[near], height[near], band)
     points = points - (points @ axis)[..., None] * axis
     known = points[np.arange(len(points)), np.argmax(real, axis=1)]

@@ -92,8 +92,9 @@ def _distinct(found: list[HoleFeature]) -> list[HoleFeature]:
 
 
 def _rings(topology: _Topology) -> list[IntArray]:
-    """Closed rings of vertices that may be rims."""
-    return _inner_rings(topology) + _sharp_cycles(topology)
+    """Closed rings of vertices that may be rims, each once."""
+    rings = _inner_rings(topology) + _sharp_cycles(topology)
+    return list({frozenset(ring.tolist()): ring for ring in rings}.values())
 
 
 def _inner_rings(topology: _Topology) -> list[IntArray]:
