@@ -9,6 +9,7 @@ from pydantic import Field
 from mvp.fileedge import FileModel
 
 Vector: TypeAlias = tuple[float, float, float]
+VectorOrLength: TypeAlias = Vector | float
 Positive: TypeAlias = Annotated[float, Field(gt=0)]
 NotNegative: TypeAlias = Annotated[float, Field(ge=0)]
 AxisName: TypeAlias = Literal["zoom", "focus", "iris"]
@@ -24,15 +25,16 @@ class MovedVertex(FileModel):
 class WorldErrors(FileModel):
     """Truth minus belief. All zero: calibration is perfect.
 
-    ``hand_eye_*`` in the camera frame, ``part_*`` in the part frame (rotation vector in
-    degrees); ``part_scale`` about the part's origin; fractions of f and a; ``focus_d_mm``
-    added to d.
+    ``hand_eye_*`` in the camera frame, ``part_*`` in the part frame: a shift or rotation
+    vector (deg), or its length alone, when the world's seed chooses the direction;
+    ``part_scale`` about the part's origin; fractions of f and a; ``focus_d_mm`` added
+    to d.
     """
 
-    hand_eye_mm: Vector = (0.0, 0.0, 0.0)
-    hand_eye_deg: Vector = (0.0, 0.0, 0.0)
-    part_mm: Vector = (0.0, 0.0, 0.0)
-    part_deg: Vector = (0.0, 0.0, 0.0)
+    hand_eye_mm: VectorOrLength = 0.0
+    hand_eye_deg: VectorOrLength = 0.0
+    part_mm: VectorOrLength = 0.0
+    part_deg: VectorOrLength = 0.0
     part_scale: Positive = 1.0
     moved_vertices: list[MovedVertex] = Field(default_factory=list)
     arm_joints_deg: list[float] = Field(default_factory=list)

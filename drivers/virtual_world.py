@@ -8,27 +8,35 @@ planner, the verifier and the wizards never see it.
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from drivers.virtual_bodies import true_bodies
 from drivers.virtual_lens_truth import LensTruth
 from drivers.virtual_motion import History, StraightMove
-from drivers.virtual_settings import Faults, WorldErrors, WorldSettings
+from drivers.virtual_settings import (
+    Faults,
+    VectorOrLength,
+    WorldErrors,
+    WorldSettings,
+)
 from mvp.errors import ConfigError
-from mvp.geometry import Box, FloatArray, Pose, TriangleMesh
+from mvp.geometry import FloatArray, Pose, unit
 from mvp.imaging import (
     Illumination,
     Lamp,
+    LensState,
     RenderBody,
     RenderedImage,
     RenderScene,
     SensorNoise,
     expose,
     render,
+    render_moving,
 )
-from mvp.kinematics import arm_model, box_mesh, tool_from_camera_at
+from mvp.kinematics import arm_model, tool_from_camera_at
 from mvp.optics import Intrinsics, LensSetting, Sensor
 
 if TYPE_CHECKING:
@@ -36,7 +44,8 @@ if TYPE_CHECKING:
 
     from mvp.devices import Axis, Clock, DeviceContext, WorldBelief
 
-_SUBFRAMES = 9
+_SMEAR_PX = 0.7
+_INSTANTS = (5, 41)
 _KEPT_PICTURES = 2
 _VERTEX_MM = 1e-3
 
@@ -219,15 +228,24 @@ class VirtualWorld:
         moved = tool_from_camera_at(
             belief.tool_from_camera, d_mm=d_mm, reference_d_mm=belief.reference_d_mm
         )
-        return moved @ _small("camera", errors.hand_eye_deg, errors.hand_eye_mm)
+        return moved @ self._small("camera", errors.hand_eye_deg, errors.hand_eye_mm)
 
     @property
     def base_from_part(self) -> Pose:
         """Where the part truly lies."""
         errors = self._errors
-        return self.belief.base_from_part @ _small(
+        return self.belief.base_from_part @ self._small(
             "part", errors.part_deg, errors.part_mm
         )
+
+    def _small(self, frame: str, turn: VectorOrLength, shift: VectorOrLength) -> Pose:
+        """A configured error; a length alone points where the seed says."""
+        directions = np.random.default_rng(self._settings.seed).normal(size=(2, 3))
+        turn_deg, shift_mm = (
+            unit(way) * value if isinstance(value, float) else np.array(value)
+            for way, value in zip(directions, (turn, shift), strict=True)
+        )
+        return Pose.from_rotvec(frame, frame, np.radians(turn_deg), shift_mm)
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -259,31 +277,12 @@ class VirtualWorld:
 
     def bodies(self) -> tuple[RenderBody, ...]:
         """Everything that can be seen, with its albedo."""
-        settings, pose = self._settings, self.base_from_part
-        part = RenderBody(self._true_part(), settings.part_albedo, pose)
-        fixtures = [
-            RenderBody(mesh, settings.fixture_albedo) for mesh in self.belief.fixtures
-        ]
-        strays = [
-            RenderBody(
-                box_mesh(Box(np.array(o.low_mm), np.array(o.high_mm)), name=o.name),
-                o.albedo,
-                pose,
-            )
-            for o in self._faults.occluders
-        ]
-        return (part, *fixtures, *strays, *self._targets)
-
-    def _true_part(self) -> TriangleMesh:
-        """The part with the errors of its making."""
-        mesh, errors = self.belief.part, self._errors
-        vertices = np.array(mesh.vertices_mm)
-        for change in errors.moved_vertices:
-            gap = np.linalg.norm(mesh.vertices_mm - np.array(change.at_mm), axis=1)
-            vertices[gap < _VERTEX_MM] += np.array(change.by_mm)
-        return TriangleMesh(
-            vertices * errors.part_scale, mesh.faces, mesh.face_ids, mesh.name
+        with self._lock:
+            errors, faults, targets = self._errors, self._faults, self._targets
+        own = true_bodies(
+            self.belief, self.base_from_part, self._settings, errors, faults.occluders
         )
+        return (*own, *targets)
 
     # Pictures.
 
@@ -301,6 +300,8 @@ class VirtualWorld:
             sensor.read_noise_e,
             full_wells_per_s=sensor.full_wells_per_s * gain,
         )
+        # A print's border may be drawn a little below black.
+        picture = replace(picture, grey=np.maximum(picture.grey, 0))
         rng = np.random.default_rng([self._settings.seed, index])
         return expose(
             picture, exposure_s, sensor=noise, rng=rng if sensor.noise else None
@@ -314,11 +315,35 @@ class VirtualWorld:
             moving |= self.lens.moving_between(start_s, end_s)
         if not moving:
             return self._render(self.state(start_s))
-        shares = (np.arange(_SUBFRAMES) + 0.5) / _SUBFRAMES
-        parts = [self._render(self.state(start_s + s * exposure_s)) for s in shares]
-        middle = parts[_SUBFRAMES // 2]
-        grey = np.stack([p.grey for p in parts]).mean(axis=0, dtype=np.float32)
-        return RenderedImage(np.asarray(grey), middle.brightness, middle.view)
+        count = self._instants(self.state(start_s), self.state(end_s))
+        shares = (np.arange(count) + 0.5) / count
+        states = [self.state(start_s + share * exposure_s) for share in shares]
+        return render_moving(
+            self._ready_scene(),
+            [state.base_from_camera for state in states],
+            lens=[_lens_state(state.lens) for state in states],
+            intrinsics=self.intrinsics,
+            light=self.light,
+        )
+
+    def _instants(self, first: WorldState, last: WorldState) -> int:
+        """How many still pictures make a smooth smear: one per 0.7 px, not too many."""
+        centre = self.base_from_part.apply(self.belief.part.bounds.centre_mm)
+        begin, end = (
+            state.base_from_camera.inverse().apply(centre) for state in (first, last)
+        )
+        pitch = self.intrinsics.sensor.pitch_x_mm
+        scale = first.lens.d_mm / pitch / max(abs(float(begin[2])), 1.0)
+        turn = first.base_from_camera.angle_to_rad(last.base_from_camera)
+        moved = float(np.linalg.norm(end - begin)) * scale
+        moved += turn * first.lens.d_mm / pitch
+        return int(np.clip(np.ceil(moved / _SMEAR_PX), *_INSTANTS))
+
+    def _ready_scene(self) -> RenderScene:
+        with self._lock:
+            if self._scene is None:
+                self._scene = RenderScene(self.bodies())
+            return self._scene
 
     def _render(self, state: WorldState) -> RenderedImage:
         """One still picture; the last few are kept."""
@@ -332,10 +357,8 @@ class VirtualWorld:
         with self._lock:
             if key in self._pictures:
                 return self._pictures[key]
-            if self._scene is None:
-                self._scene = RenderScene(self.bodies())
             picture = render(
-                self._scene,
+                self._ready_scene(),
                 state.base_from_camera,
                 d_mm=lens.d_mm,
                 f_mm=lens.f_mm,
@@ -365,7 +388,5 @@ def world_of(context: DeviceContext, name: str) -> VirtualWorld:
     return context.world
 
 
-def _small(
-    frame: str, turn_deg: tuple[float, ...], shift_mm: tuple[float, ...]
-) -> Pose:
-    return Pose.from_rotvec(frame, frame, np.radians(turn_deg), shift_mm)
+def _lens_state(lens: LensSetting) -> LensState:
+    return LensState(lens.d_mm, lens.f_mm, lens.a_mm, lens.e_mm)

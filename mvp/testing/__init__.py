@@ -3,12 +3,10 @@
 Needs pytest only to be run; nothing of it is used at run time.
 """
 
-from mvp.testing.conformance import (
-    ArmConformance,
-    CameraConformance,
-    DeviceConformance,
-    LensConformance,
-)
+from mvp.testing.conformance import DeviceConformance
+from mvp.testing.conformance_arm import ArmConformance
+from mvp.testing.conformance_camera import CameraConformance
+from mvp.testing.conformance_lens import LensConformance
 from mvp.testing.require import meanwhile, refuses, require, wait_until
 from mvp.testing.virtual_cell import VirtualCell, block, example_belief, virtual_cell
 

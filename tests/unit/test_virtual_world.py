@@ -9,6 +9,7 @@ from drivers.virtual_world import VirtualWorld
 from mvp.devices import Frame
 from mvp.errors import ConnectError, DeviceFault, DeviceTimeout, LimitError
 from mvp.geometry import Pose
+from mvp.imaging import textured_plane
 from mvp.kinematics import arm_model, tool_from_camera_at
 from mvp.optics import LensTable
 from mvp.testing import VirtualCell, example_belief, virtual_cell
@@ -303,3 +304,39 @@ def test_truth_can_be_changed_while_it_runs(cell: VirtualCell):
     truth(cell).change_truth(WorldErrors(part_mm=(15.0, 0.0, 0.0)))
     moved = shoot(cell)
     assert np.abs(moved.pixels.astype(float) - before.pixels).max() > 50
+
+
+def test_an_error_given_as_a_length_takes_its_direction_from_the_seed():
+    poses = [
+        truth(virtual_cell(settings={"seed": seed, "errors": {"part_mm": 2.0}}))
+        for seed in (1, 1, 2)
+    ]
+    shifts = [
+        w.belief.base_from_part.inverse().apply(w.base_from_part.translation_mm)
+        for w in poses
+    ]
+    assert [np.linalg.norm(s) for s in shifts] == pytest.approx([2.0] * 3)
+    np.testing.assert_array_equal(shifts[0], shifts[1])
+    assert np.linalg.norm(shifts[0] - shifts[2]) > 0.1
+
+
+def test_more_backlash_than_the_table_says_leaves_the_glass_behind(cell: VirtualCell):
+    cell.lens.home(timeout_s=60)
+    set_lens(cell)
+    right = truth(cell).state(cell.clock.now_s()).lens.d_mm
+    fault(cell, lens={"backlash_steps": {"focus": 200}})
+    set_lens(cell, focus=3000)
+    set_lens(cell)
+    wrong = truth(cell).state(cell.clock.now_s()).lens.d_mm
+    assert wrong - right > 0.02
+    assert cell.lens.state().focus == MIDDLE["focus"]
+
+
+def test_a_printed_target_can_be_placed_before_the_camera(cell: VirtualCell):
+    before = shoot(cell)
+    board = np.kron(np.indices((6, 8)).sum(axis=0) % 2, np.full((10, 10), 0.9))
+    flat = Pose.from_rotvec("world", "texture", [0, 0, 0], [-530.0, -165.0, 110.0])
+    truth(cell).place_targets((textured_plane(board.astype(np.float32), 1.0, flat),))
+    after = shoot(cell)
+    on_part = before.pixels > 60
+    assert 0.3 < (after.pixels[on_part] < 20).mean() < 0.6
