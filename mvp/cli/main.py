@@ -22,7 +22,6 @@ _COMMANDS = (
     "run",
     "plan",
     "features",
-    "features",
     "check",
     "home",
     "drivers",
