@@ -226,7 +226,7 @@ def test_a_dead_camera_times_out(cell: VirtualCell):
 
 def test_dropped_frames_are_counted(cell: VirtualCell):
     fault(cell, camera={"drop_every": 2})
-    assert sum(shoot(cell).dropped for _ in range(4)) >= 1
+    assert any(shoot(cell).dropped for _ in range(40))
 
 
 def test_an_exposure_that_reads_back_wrong_is_a_fault(cell: VirtualCell):
