@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from mvp.visibility.occluders import Occluders
 
 _STRICT = 1e-9
+# Heights below this share of the scene's size are rounding: touching, not crossing.
+_TOUCHING = 1e-10
 _PAIRS_AT_ONCE = 1 << 21
 
 
@@ -57,11 +59,15 @@ def exactly_visible(
 
 @dataclass(frozen=True, eq=False)
 class _Soup:
-    """Triangles (m, 3, 3) and their distinct edges as indices of corners (v, 3)."""
+    """Triangles (m, 3, 3) and their distinct edges as indices of corners (v, 3).
+
+    A plane that passes a corner at ``touching_mm`` or less touches it.
+    """
 
     triangles: FloatArray
     corners: FloatArray
     edges: IntArray
+    touching_mm: float
 
     @classmethod
     def of(cls, triangles: FloatArray) -> _Soup:
@@ -70,7 +76,8 @@ class _Soup:
         )
         faces = index.reshape(-1, 3)
         edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-        return cls(triangles, corners, np.unique(edges, axis=0))
+        touching = _TOUCHING * float(np.abs(corners).max(initial=0.0))
+        return cls(triangles, corners, np.unique(edges, axis=0), touching)
 
 
 def _sees(soup: _Soup, piece: FeaturePiece, points: FloatArray) -> BoolArray:
@@ -118,7 +125,9 @@ def _segment_blocked(soup: _Soup, points: FloatArray, end: FloatArray) -> BoolAr
     a = soup.triangles[:, 0]
     ab, ac = soup.triangles[:, 1] - a, soup.triangles[:, 2] - a
     normal = np.cross(ab, ac)
+    touching = soup.touching_mm * np.linalg.norm(normal, axis=1)
     at_end = np.einsum("md,md->m", end - a, normal)
+    at_end[np.abs(at_end) <= touching] = 0.0
     offset = np.einsum("md,md->m", a, normal)
     blocked = np.zeros(len(points), dtype=np.bool_)
     for block in _blocks(points, len(a)):
@@ -154,6 +163,8 @@ def _side_cut(
         x = points[block]
         normal = np.cross(a - x, b - x)
         height = normal @ (soup.corners - a).T
+        touching = soup.touching_mm * np.linalg.norm(normal, axis=1)
+        height[np.abs(height) <= touching[:, None]] = 0.0
         start, stop = height[:, first], height[:, second]
         rows, columns = np.nonzero(start * stop < 0)
         before, after = start[rows, columns], stop[rows, columns]
