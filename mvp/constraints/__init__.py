@@ -12,6 +12,7 @@ from mvp.constraints.base import (
     margin_report,
     worst_of,
 )
+from mvp.constraints.clearance import CameraClearance
 from mvp.constraints.enclosing import enclosing_sphere
 from mvp.constraints.field_of_view import (
     FieldOfViewCircle,
@@ -20,6 +21,7 @@ from mvp.constraints.field_of_view import (
 )
 from mvp.constraints.focus import FocusFar, FocusNear
 from mvp.constraints.lens_range import LensBound, LensRange
+from mvp.constraints.reach import Reach
 from mvp.constraints.resolution import Resolution
 from mvp.constraints.sigma import (
     Uncertainty,
@@ -34,6 +36,7 @@ __all__ = [
     "N_COORDINATES",
     "SHIFT",
     "TURN",
+    "CameraClearance",
     "Constraint",
     "FieldOfViewCircle",
     "FieldOfViewRectangle",
@@ -42,6 +45,7 @@ __all__ = [
     "Kind",
     "LensBound",
     "LensRange",
+    "Reach",
     "Report",
     "Reporting",
     "Resolution",

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from mvp.constraints.clearance import CameraClearance
-from mvp.constraints.reach import Reach
+from mvp.constraints import CameraClearance, Reach
 from mvp.geometry import Box, Pose
 from mvp.kinematics import (
     Capsule,
