@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from mvp.errors import OutputError
@@ -40,7 +41,8 @@ def write_durably(path: Path, content: bytes) -> None:
         partial.replace(path)
         sync_folder(path.parent)
     except OSError as error:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
         raise output_error(path, error) from error
 
 
@@ -99,7 +101,7 @@ def check_writable(folder: Path, *, needed_bytes: int) -> None:
     except OSError as error:
         raise output_error(folder, error) from error
     finally:
-        if existing.is_dir():
+        with suppress(OSError):
             probe.unlink(missing_ok=True)
     if free < needed_bytes:
         raise OutputError(

@@ -125,10 +125,12 @@ class CellEngine:
             expected_s = arm.duration_s(state.joints, target)
             timeout_s = 2 * expected_s + _ARM_SPARE_S
             self._motion = f"the arm on its way to {view.id}, for {timeout_s:.0f} s"
+            _LOG.info("%s: moving towards %s: %s", arm.name, view.id, target)
             if self._stopped.is_set():
                 raise MotionStopped("stopped before it moved", device=arm.name)
             state = arm.move_joints(target, timeout_s=timeout_s)
         self._check_arm(view, state)
+        _LOG.info("%s: stands at %s", arm.name, view.id)
         self._motion = ""
         self._arm_standing_s = self._devices.clock.now_s()
         self._wait(self._settle_s[0], "arm")
@@ -151,6 +153,7 @@ class CellEngine:
             timeout_s=_LENS_TIMEOUT_S,
         )
         self._check_lens(view, state)
+        _LOG.info("%s: stands at %s", lens.name, state.steps())
         self._motion = ""
         self._lens_standing_s = self._devices.clock.now_s()
         self._wait(self._settle_s[1], "lens")
@@ -169,6 +172,14 @@ class CellEngine:
         self._check_arm(view, arm)
         self._check_lens(view, lens)
         image, sha256 = self._store(view.id, frame)
+        _LOG.info(
+            "%s: %s kept as %s, %.6f s (%s)",
+            self._devices.camera.name,
+            view.id,
+            image,
+            frame.exposure_s,
+            exposure.source,
+        )
         return Captured(
             view=view.id,
             image=image,
@@ -198,6 +209,7 @@ class CellEngine:
     def stop(self) -> Sequence[Exception]:
         """Stop all three devices, from any thread; every path is tried."""
         self._stopped.set()
+        _LOG.warning("stopping arm, lens and camera")
         failures: list[Exception] = []
         devices = self._devices
         for device in (devices.arm, devices.lens, devices.camera):

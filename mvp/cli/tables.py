@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from mvp.cell.run_document import RunDocument, ViewDocument
     from mvp.planning.plan import Margin, Plan, PlannedView
 
+_MOST_LENGTHS = 6
 _COLOURS = {
     "admissible": "green",
     "verified": "green",
@@ -102,7 +103,12 @@ def _sigmas(margin: Margin) -> str:
 
 
 def _cause(view: ViewDocument) -> str:
-    return (view.verification.cause or "") if view.verification else ""
+    """Cause, how it shows, and what to look at first."""
+    if view.verification is None or view.verification.cause is None:
+        return ""
+    more = view.verification.model_extra or {}
+    texts = [view.verification.cause, more.get("explanation"), more.get("check_first")]
+    return "\n".join(str(text) for text in texts if text)
 
 
 def _lengths(view: ViewDocument) -> str:
@@ -114,4 +120,6 @@ def _lengths(view: ViewDocument) -> str:
         if isinstance(planned, float):
             shown = f"{measured:.2f}" if isinstance(measured, float) else "-"
             texts.append(f"{edge.get('feature')}: {planned:.2f} / {shown}")
+    if len(texts) > _MOST_LENGTHS:
+        texts[_MOST_LENGTHS:] = [f"and {len(texts) - _MOST_LENGTHS} more"]
     return "\n".join(texts)

@@ -10,6 +10,7 @@ import itertools
 import threading
 import time
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -280,12 +281,8 @@ def test_a_second_run_of_the_same_runner_is_refused() -> None:
     engine.allowed = 10
     runner = Runner(engine, Journal(), [])
     assert runner.run().reason == "completed"
-    try:
+    with pytest.raises(RuntimeError, match="finished"):
         runner.run()
-    except RuntimeError as error:
-        assert "finished" in str(error)
-    else:
-        raise AssertionError("a finished run must not start again")
 
 
 def test_a_journal_that_cannot_write_ends_the_run_before_the_next_motion() -> None:
