@@ -28,13 +28,17 @@ class WorldErrors(FileModel):
     ``hand_eye_*`` in the camera frame, ``part_*`` in the part frame: a shift or rotation
     vector (deg), or its length alone, when the world's seed chooses the direction;
     ``part_scale`` about the part's origin; fractions of f and a; ``focus_d_mm`` added
-    to d.
+    to d; ``lamps_mm`` moves all lamps but a ring on the lens, in the camera frame;
+    ``light_fraction`` dims or raises all light; ``ambient`` is added.
     """
 
     hand_eye_mm: VectorOrLength = 0.0
     hand_eye_deg: VectorOrLength = 0.0
     part_mm: VectorOrLength = 0.0
     part_deg: VectorOrLength = 0.0
+    lamps_mm: VectorOrLength = 0.0
+    light_fraction: float = Field(default=0.0, gt=-1, lt=10)
+    ambient: float = 0.0
     part_scale: Positive = 1.0
     moved_vertices: list[MovedVertex] = Field(default_factory=list)
     arm_joints_deg: list[float] = Field(default_factory=list)
@@ -54,7 +58,7 @@ class LampSettings(FileModel):
 
 
 class LightSettings(FileModel):
-    """Light of the cell; the defaults are a ring on the lens and one oblique lamp."""
+    """True light, whatever the cell believes; a ring and one oblique lamp."""
 
     ambient: NotNegative = 0.05
     lamps: list[LampSettings] = Field(
@@ -132,7 +136,8 @@ class WorldSettings(FileModel):
     """The keys of ``[world]`` beside ``kind`` and ``clock_speed``.
 
     ``tube_mm``: the extension tube that is truly on the lens; left out, the one that
-    the cell names.
+    the cell names. ``light``: left out, the light that the cell states in its own
+    ``[light]``, or the default where it states none; ``errors`` change it.
     """
 
     seed: int = Field(default=1, ge=0)
@@ -140,6 +145,6 @@ class WorldSettings(FileModel):
     fixture_albedo: float = Field(default=0.4, gt=0, le=1)
     tube_mm: NotNegative | None = None
     errors: WorldErrors = Field(default_factory=WorldErrors)
-    light: LightSettings = Field(default_factory=LightSettings)
+    light: LightSettings | None = None
     sensor: SensorSettings = Field(default_factory=SensorSettings)
     faults: Faults = Field(default_factory=Faults)

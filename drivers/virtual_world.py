@@ -15,6 +15,7 @@ import numpy as np
 
 from drivers.virtual_bodies import true_bodies
 from drivers.virtual_lens_truth import LensTruth
+from drivers.virtual_light import true_light
 from drivers.virtual_motion import History, StraightMove
 from drivers.virtual_settings import (
     Faults,
@@ -25,8 +26,6 @@ from drivers.virtual_settings import (
 from mvp.errors import ConfigError
 from mvp.geometry import FloatArray, Pose, unit
 from mvp.imaging import (
-    Illumination,
-    Lamp,
     LensState,
     RenderBody,
     RenderedImage,
@@ -43,6 +42,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mvp.devices import Axis, Clock, DeviceContext, WorldBelief
+    from mvp.imaging import Illumination
 
 _SMEAR_PX = 0.7
 _INSTANTS = (5, 41)
@@ -271,9 +271,10 @@ class VirtualWorld:
     @property
     def light(self) -> Illumination:
         """Lamps that travel with the camera, and the ambient part."""
-        light = self._settings.light
-        lamps = tuple(Lamp(lamp.position_mm, lamp.strength) for lamp in light.lamps)
-        return Illumination(ambient=light.ambient, lamps=lamps, gloss=light.gloss)
+        with self._lock:
+            errors = self._errors
+        moved = self._small("camera", 0.0, errors.lamps_mm).translation_mm
+        return true_light(self.belief.light, self._settings.light, errors, moved)
 
     def bodies(self) -> tuple[RenderBody, ...]:
         """Everything that can be seen, with its albedo."""

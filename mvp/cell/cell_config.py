@@ -6,6 +6,7 @@ from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from mvp.cell.light_config import LightConfig
 from mvp.cell.values import (
     Name,
     NotNegative,
@@ -163,6 +164,10 @@ class CellConfig(FileModel):
     uncertainty: UncertaintyConfig = Field(default_factory=UncertaintyConfig)
     workspace: BoxConfig
     settle: SettleConfig = Field(default_factory=SettleConfig)
+    light: LightConfig | None = Field(
+        default=None,
+        description="left out: nothing is known of the light, contrast is not predicted",
+    )
     fixtures: list[FixtureConfig] = Field(default_factory=list)
     keep_outs: list[KeepOut] = Field(default_factory=list)
     world: WorldRef | None = None

@@ -144,7 +144,7 @@ def _world(cell: LoadedCell, bodies: WorldBodies | None, clock: Clock) -> object
 
 
 def _belief(cell: LoadedCell, bodies: WorldBodies) -> WorldBelief:
-    found = cell.calibrations
+    found, light = cell.calibrations, cell.config.light
     reference = found.hand_eye.reference_d_mm
     return WorldBelief(
         part=bodies.part,
@@ -156,6 +156,9 @@ def _belief(cell: LoadedCell, bodies: WorldBodies) -> WorldBelief:
         tool_from_camera=found.tool_from_camera,
         reference_d_mm=reference if reference is not None else 0.0,
         base_from_part=found.base_from_part,
+        mounted_tube_mm=cell.config.optics.mounted_tube_mm,
+        mounted_tube_mm=cell.config.optics.mounted_tube_mm,
+        light=light.belief if light is not None else None,
     )
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.cell.engine import Exposure
+from mvp.cell.light_config import illumination
 from mvp.cell.records import Captured, Verified
 from mvp.errors import DeviceFault
 from mvp.geometry import Pose
@@ -75,6 +76,7 @@ class Expectations:
             c_mm=factory.c_mm,
             tolerance=self._tolerance(view),
             requirements=wanted,
+            light=illumination(self.setting.cell.config.light),
         )
 
     def _tolerance(self, view: PlannedView) -> ViewTolerance:

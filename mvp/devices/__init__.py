@@ -21,7 +21,7 @@ from mvp.devices.registry import (
     load_driver,
     load_world,
 )
-from mvp.devices.world import WorldBelief, WorldClass
+from mvp.devices.world import LampBelief, LightBelief, WorldBelief, WorldClass
 
 __all__ = [
     "AXES",
@@ -36,8 +36,10 @@ __all__ = [
     "DriverClass",
     "DriverEntry",
     "Frame",
+    "LampBelief",
     "Lens",
     "LensState",
+    "LightBelief",
     "RealClock",
     "Role",
     "ScaledClock",

@@ -12,6 +12,35 @@ if TYPE_CHECKING:
     from mvp.geometry import Pose, TriangleMesh
 
 
+@dataclass(frozen=True)
+class LampBelief:
+    """A point lamp fixed to the camera, in the camera frame."""
+
+    position_mm: tuple[float, float, float]
+    strength: float
+
+
+@dataclass(frozen=True)
+class LightBelief:
+    """The light as the cell describes it.
+
+    Attributes:
+        ambient: grey of a white face lit by nothing else.
+        lamps: travel with the camera.
+        reference_mm: distance at which a lamp has its stated strength.
+        gloss: strength of the mirror lobe relative to the lamp.
+        gloss_exponent: its sharpness.
+        background: grey of empty space.
+    """
+
+    ambient: float
+    lamps: tuple[LampBelief, ...]
+    reference_mm: float
+    gloss: float
+    gloss_exponent: float
+    background: float
+
+
 @dataclass(frozen=True, eq=False)
 class WorldBelief:
     """The cell as configuration and calibration describe it.
@@ -30,6 +59,7 @@ class WorldBelief:
         reference_d_mm: lens setting of the hand-eye result, mm.
         base_from_part: where the part lies.
         mounted_tube_mm: extension tube that is on the lens now.
+        light: that travels with the camera; None when the cell does not say.
     """
 
     part: TriangleMesh
@@ -42,6 +72,7 @@ class WorldBelief:
     reference_d_mm: float
     base_from_part: Pose
     mounted_tube_mm: float = 0.0
+    light: LightBelief | None = None
 
 
 class WorldClass(Protocol):
