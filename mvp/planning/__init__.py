@@ -8,9 +8,9 @@ from mvp.planning.paper_objective import (
     PAPER_2,
     PRESETS,
     PaperSolution,
-    PaperWeights,
     solve_paper,
 )
+from mvp.planning.paper_table import PaperWeights
 from mvp.planning.problem import (
     DEFAULT_CANDIDATES,
     DEFAULT_STARTS,

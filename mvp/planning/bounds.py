@@ -22,7 +22,7 @@ if TYPE_CHECKING:
         FocusNear,
         Resolution,
     )
-    from mvp.geometry import FloatArray
+    from mvp.geometry import BoolArray, FloatArray
     from mvp.optics import Views
 
 _CELLS = 64
@@ -80,7 +80,7 @@ class _Points:
 
 def _least_blur(
     view: Views, boxes: Boxes, z: FloatArray, sign: float
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, BoolArray]:
     """Blur per aperture at depth z and the lens' worst end, and where that is valid.
 
     ``sign`` -1 gives the least b (d low, f high), +1 the largest.
@@ -101,17 +101,17 @@ def near_focus(focus: FocusNear, view: Views, boxes: Boxes) -> FloatArray:
     per_aperture, valid = _least_blur(view, boxes, z, -1.0)
     a_low, a_high = _apertures(view, boxes)
     least = np.minimum(a_low * per_aperture, a_high * per_aperture)
-    return _refused(focus.c_mm + least, valid).min(axis=1)
+    return np.asarray(_refused(focus.c_mm + least, valid).min(axis=1))
 
 
 def far_focus(focus: FocusFar, view: Views, boxes: Boxes) -> FloatArray:
     """Least c - b over each box, (B,) mm of blur; exact."""
     points = _Points.of(view, focus.points_mm)
     per_aperture, valid = _least_blur(view, boxes, points.farthest_mm(boxes), 1.0)
-    valid &= points.nearest_mm(boxes) > view.f_mm[0] + boxes.f_mm[:, None]
+    in_front = points.nearest_mm(boxes) > view.f_mm[0] + boxes.f_mm[:, None]
     a_low, a_high = _apertures(view, boxes)
     largest = np.maximum(a_low * per_aperture, a_high * per_aperture)
-    return _refused(focus.c_mm - largest, valid).min(axis=1)
+    return np.asarray(_refused(focus.c_mm - largest, valid & in_front).min(axis=1))
 
 
 def _apertures(view: Views, boxes: Boxes) -> tuple[FloatArray, FloatArray]:
@@ -206,5 +206,5 @@ def _asin_ratio(p: FloatArray, distance: FloatArray) -> FloatArray:
     return np.asarray(np.arcsin(np.minimum(np.where(distance > 0, ratio, 1.0), 1.0)))
 
 
-def _refused(value: FloatArray, valid: FloatArray) -> FloatArray:
+def _refused(value: FloatArray, valid: BoolArray) -> FloatArray:
     return np.where(valid, value, _REFUSED)

@@ -134,8 +134,15 @@ def _inward(mesh: TriangleMesh, rng: np.random.Generator) -> FloatArray:
     face = rng.choice(len(area), size=_CHUNK, p=chance)
     weights = rng.dirichlet(np.ones(3), size=_CHUNK)
     on_face = np.einsum("nk,nkj->nj", weights, mesh.triangles_mm[face])
-    depth = np.exp(rng.uniform(*np.log(_INWARD_MM), _CHUNK))
+    depth = _log_uniform(rng, _INWARD_MM, _CHUNK)
     return np.asarray(on_face - mesh.normals[face] * depth[:, None])
+
+
+def _log_uniform(
+    rng: np.random.Generator, bounds: tuple[float, float], count: int
+) -> FloatArray:
+    low, high = np.log(bounds[0]), np.log(bounds[1])
+    return np.asarray(np.exp(rng.uniform(low, high, count)))
 
 
 def aimed(
@@ -156,8 +163,8 @@ def aimed(
         rotation,
         positions,
         np.full(count, lens.d_mm[0]),
-        np.exp(rng.uniform(*np.log(lens.f_mm), count)),
-        np.exp(rng.uniform(*np.log(lens.a_mm), count)),
+        _log_uniform(rng, lens.f_mm, count),
+        _log_uniform(rng, lens.a_mm, count),
         np.full(count, lens.e_mm),
     )
     return focused(problem, views)

@@ -7,14 +7,10 @@ scipy's front end to the same solver does it, ten times slower.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-
-try:
-    import highspy
-except ImportError:
-    highspy = None
 
 if TYPE_CHECKING:
     from mvp.geometry import FloatArray
@@ -48,6 +44,9 @@ class HighsSolver:
     """HiGHS through its own bindings."""
 
     def __init__(self) -> None:
+        import highspy
+
+        self._highs = highspy
         self._solver = highspy.Highs()
         self._solver.setOptionValue("output_flag", False)
         self._solver.setOptionValue("presolve", "off")
@@ -63,18 +62,19 @@ class HighsSolver:
     ) -> LinearSolution | None:
         """See the protocol."""
         count, width = rows.shape
-        model = highspy.HighsLp()
+        highs = self._highs
+        model = highs.HighsLp()
         model.num_col_, model.num_row_ = width, count
         model.col_cost_, model.col_lower_, model.col_upper_ = -cost, low, high
         model.row_lower_ = rows_low
-        model.row_upper_ = np.full(count, highspy.kHighsInf)
-        model.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
+        model.row_upper_ = np.full(count, highs.kHighsInf)
+        model.a_matrix_.format_ = highs.MatrixFormat.kRowwise
         model.a_matrix_.start_ = np.arange(count + 1) * width
         model.a_matrix_.index_ = np.tile(np.arange(width), count)
         model.a_matrix_.value_ = rows.ravel()
         self._solver.passModel(model)
         self._solver.run()
-        if self._solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+        if self._solver.getModelStatus() != highs.HighsModelStatus.kOptimal:
             return None
         solution = self._solver.getSolution()
         return LinearSolution(
@@ -113,4 +113,4 @@ class ScipySolver:
 
 def linear_solver() -> LinearSolver:
     """The fastest one installed."""
-    return HighsSolver() if highspy is not None else ScipySolver()
+    return HighsSolver() if find_spec("highspy") else ScipySolver()

@@ -185,13 +185,13 @@ class RowTable:
             ratio = constraint.margin(views)[:, None] / scale
             return np.asarray(np.clip(ratio, -_INDEX_LIMIT, _INDEX_LIMIT))
         alone = replace(self, constraints=(constraint,))
-        return alone.evaluate(views).index
+        return np.asarray(alone.evaluate(views).index)
 
     def worst(self, index: FloatArray) -> FloatArray:
         """Smallest index (N,) over the rows that have one; -inf if a hard row fails."""
         soft = index[:, ~self.hard].min(axis=1)
         failed = (index[:, self.hard] < -_HARD_SLACK).any(axis=1)
-        return np.where(failed, np.minimum(soft, -_INDEX_LIMIT), soft)
+        return np.asarray(np.where(failed, np.minimum(soft, -_INDEX_LIMIT), soft))
 
     def linearise(self, views: Views, chart: Chart) -> Linearised:
         """Indices and their slopes; 2 n displaced views give the scale's slope."""

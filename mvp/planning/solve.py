@@ -191,7 +191,7 @@ def described(
     notes: tuple[str, ...] = (),
 ) -> Solution:
     """All that is known of one view: margins, indices, who binds."""
-    table = model.table
+    table = RowTable.of(problem)
     linear = table.linearise(view, model.chart)
     index = linear.index[0]
     state = model.states(view, np.array([_PROBE_RADIUS]))[0]

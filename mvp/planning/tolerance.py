@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mvp.constraints import Constraint, Uncertainty
-    from mvp.geometry import FloatArray
+    from mvp.geometry import BoolArray, FloatArray
     from mvp.optics import Views
     from mvp.planning.problem import PlanningProblem
 
@@ -182,7 +182,7 @@ def _lanes(box: ToleranceBox, scale: FloatArray) -> Boxes:
     )
 
 
-def _largest(holds: Callable[[FloatArray], FloatArray]) -> FloatArray:
+def _largest(holds: Callable[[FloatArray], BoolArray]) -> FloatArray:
     """Largest proven scale of every lane, by doubling and bisection; 0 if none."""
     low = np.zeros(len(_LANES))
     high = np.ones(len(_LANES))
@@ -200,8 +200,9 @@ def _largest(holds: Callable[[FloatArray], FloatArray]) -> FloatArray:
     return low
 
 
-def _proven(margins: dict[Kind, FloatArray]) -> FloatArray:
-    return np.logical_and.reduce([value >= 0 for value in margins.values()])
+def _proven(margins: dict[Kind, FloatArray]) -> BoolArray:
+    kept = [value >= 0 for value in margins.values()]
+    return np.asarray(np.logical_and.reduce(kept), dtype=bool)
 
 
 def _distances(
