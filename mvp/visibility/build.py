@@ -58,15 +58,17 @@ def visibility_region(
             "a feature without any point cannot be seen",
             hint="give at least one convex piece with at least one vertex",
         )
-    regions = []
-    for piece in pieces:
-        snapped = FeaturePiece(
-            occluders.snapped(piece.vertices_mm), piece.planes, piece.facing
-        )
-        for part in _unpierced(occluders, snapped):
-            job = _Job(occluders, part, workspace, cluster_mm, clock)
-            regions.append(job.region(walls))
-    return intersection(regions)
+    snapped = [
+        FeaturePiece(occluders.snapped(piece.vertices_mm), piece.planes, piece.facing)
+        for piece in pieces
+    ]
+    regions: list[Region] = []
+    for part in (part for piece in snapped for part in _unpierced(occluders, piece)):
+        job = _Job(occluders, part, workspace, cluster_mm, clock)
+        regions = [intersection([*regions, job.region(walls)])]
+        if regions[0].empty:
+            break
+    return regions[0]
 
 
 def _unpierced(occluders: Occluders, piece: FeaturePiece) -> list[FeaturePiece]:
