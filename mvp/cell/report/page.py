@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from mvp.planning.plan import Margin, NotCovered, Plan, PlannedView
 
 FULL_SIGMAS = 20.0
+_NO_FAILURE_BOUND = 3 / 50_000  # rule of three: 95 % bound after 50,000 good draws
 WARN_SIGMAS = 3.0
 
 VerdictClass: TypeAlias = Literal["pass", "fail", "unsure"]
@@ -180,7 +181,10 @@ def _section(view: PlannedView, document: ViewDocument | None) -> ViewSection:
         ),
         tolerance_method=tolerance.method,
         tolerance=_tolerance(view),
-        sensitivity=[(k, f"-{v:.2f} sigma") for k, v in view.sensitivity.items()],
+        sensitivity=[
+            (_error_name(key), f"-{loss:.2f} sigma")
+            for key, loss in view.sensitivity.items()
+        ],
         settings=_settings(view, document),
         margins=[
             _bar(name, margin, view.binding) for name, margin in view.margins.items()
@@ -228,8 +232,22 @@ def _tolerance(view: PlannedView) -> list[tuple[str, str]]:
         if value is not None
     ]
     if view.failure_probability is not None:
-        rows.append(("chance of failing", f"{100 * view.failure_probability:.3g} %"))
+        chance = chance_text(view.failure_probability)
+        rows.append(("chance of failing", chance))
     return rows
+
+
+def chance_text(probability: float) -> str:
+    """A probability from draws; none that failed is a bound, not a zero."""
+    if probability > 0:
+        return f"{100 * probability:.2g} %"
+    return f"below {100 * _NO_FAILURE_BOUND:.2g} %"
+
+
+def _error_name(key: str) -> str:
+    """``position_1_mm`` as people say it: 1 mm of position."""
+    name, _, amount = key.partition("_")
+    return f"{amount.replace('_', ' ')} of {name}" if amount else name
 
 
 def _settings(
