@@ -108,6 +108,9 @@ class Stage:
         default_factory=lambda: ViewTolerance(0.5, 0.1, 0.02)
     )
     light_known: bool = True
+    kept: dict[tuple[str, float], tuple[Setting, ViewExpectation, float]] = field(
+        default_factory=dict
+    )
 
     @cached_property
     def scene(self) -> RenderScene:
@@ -137,6 +140,15 @@ class Stage:
             requirements={f.id: Requirement(1.0, 1.0) for f in self.features},
             light=self.light if self.light_known else None,
         )
+
+    def planned(self, view: str, e_mm: float) -> tuple[Setting, ViewExpectation, float]:
+        """A published view, what it must show, and its metered exposure; kept."""
+        if (view, e_mm) not in self.kept:
+            setting = paper_setting(view, e_mm=e_mm)
+            expectation = self.expectation(setting)
+            exposure_s = metered_s(self.picture(setting), expectation)
+            self.kept[view, e_mm] = setting, expectation, exposure_s
+        return self.kept[view, e_mm]
 
     def picture(
         self, setting: Setting, scene: RenderScene | None = None
@@ -181,10 +193,8 @@ def make_trial(stage: Stage, fault: str, seed: int, *, noise: bool = True) -> Tr
     """One seeded picture: a view, small errors everywhere, and one fault."""
     rng = np.random.default_rng([seed, CLASSES.index(fault)])
     view = VIEW_NAMES[rng.integers(3)]
-    planned = paper_setting(view, e_mm=float(rng.choice([0.0, 2.4])))
-    expectation = stage.expectation(planned)
+    planned, expectation, exposure = stage.planned(view, float(rng.choice([0.0, 2.4])))
     true = _small_errors(planned, rng)
-    exposure = metered_s(stage.picture(true), expectation)
     true, scene, factor, path, amount = _faulty(stage, true, fault, rng)
     image = stage.picture(true, scene)
     if path is not None:

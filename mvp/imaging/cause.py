@@ -25,7 +25,7 @@ _SHIFT_PX = 3.0
 _ROLL_DEG = 0.5
 _RESIDUAL_PX = 0.35
 _SCALE = 0.01
-_VISIBLE = 0.75
+_CLIPPED_SHARE = 0.5
 
 CHECK_FIRST: dict[Cause, str] = {
     "overexposed": "shorten the exposure or dim the light; was the exposure metered?",
@@ -53,6 +53,7 @@ class Evidence:
         lost: features that were not found or are seen on less than three quarters,
             although they should stand out.
         found: share of the expected edge length that was found.
+        clipped: share of the feature edges and their neighbours with saturated pixels.
     """
 
     alignment: Alignment
@@ -60,6 +61,7 @@ class Evidence:
     excess: BlurExcess | None
     lost: tuple[str, ...]
     found: float
+    clipped: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ def exposure_fault(exposure: Exposure) -> Finding | None:
 
 def picture_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | None:
     """Motion, defocus, zoom, misalignment, occlusion: the first that applies."""
-    for judge in (_blur_fault, _scale_fault, _place_fault):
+    for judge in (_blur_fault, _scale_fault, _clipped_fault, _place_fault):
         finding = judge(evidence, expectation)
         if finding is not None:
             return finding
@@ -139,6 +141,16 @@ def _scale_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | 
             "zoom", f"everything is {alignment.scale - 1:+.1%} larger than planned"
         )
     return None
+
+
+def _clipped_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | None:
+    """Clipping moves edges; something bright in the way clips only a few of them."""
+    if evidence.clipped < _CLIPPED_SHARE or not expectation.feature_edges:
+        return None
+    return Finding(
+        "overexposed",
+        f"{evidence.clipped:.0%} of the edges about the features are saturated",
+    )
 
 
 def _place_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | None:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 BLOCK_PX = 6.0
 _FEWEST_PIXELS = 12
+_SIGNIFICANT = 6.0
 _AMPLITUDE = (0.5, 2.0)
 _SHIFT_PX = 1.5
 _SHIFT_PER_BLUR = 0.2
@@ -37,6 +38,28 @@ class BlockSamples:
     contrast: FloatArray
     spread: SpreadValues
     above: FloatArray
+
+
+def share_with_step(samples: BlockSamples, *, noise: float) -> float:
+    """Share of the blocks that show any significant step of one sign at its place.
+
+    ``contrast`` is 1 and ``above`` the plain grey here: nothing is known of the step.
+    """
+    columns = np.stack([np.ones_like(samples.above), samples.spread.edge], axis=1)
+    gram = np.zeros((samples.count, 2, 2))
+    right = np.zeros((samples.count, 2))
+    np.add.at(gram, samples.index, columns[:, :, None] * columns[:, None, :])
+    np.add.at(right, samples.index, columns * samples.above[:, None])
+    inverse = np.linalg.inv(gram + np.eye(2) * 1e-9)
+    found = np.einsum("kij,kj->ki", inverse, right)
+    left = samples.above - (columns * found[samples.index]).sum(axis=1)
+    number = np.bincount(samples.index, minlength=samples.count)
+    square = np.bincount(samples.index, left**2, minlength=samples.count)
+    rms = np.sqrt(square / np.maximum(number - 2, 1))
+    significance = found[:, 1] / (noise * np.sqrt(np.maximum(inverse[:, 1, 1], 1e-12)))
+    clear = (rms < 3 * noise) & (number >= _FEWEST_PIXELS)
+    signs = [(clear & (sign * significance > _SIGNIFICANT)).sum() for sign in (-1, 1)]
+    return float(max(signs) / samples.count)
 
 
 def judge_blocks(

@@ -7,7 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mvp.imaging.edge_blocks import BLOCK_PX, BlockSamples, judge_blocks
+from mvp.imaging.edge_blocks import (
+    BLOCK_PX,
+    BlockSamples,
+    judge_blocks,
+    share_with_step,
+)
 from mvp.imaging.edge_fit import StepFit, StepSamples, fit_step, rescaled
 from mvp.imaging.edge_samples import Band, Line, Picture, band_of
 from mvp.imaging.edge_search import find_start
@@ -15,7 +20,7 @@ from mvp.imaging.esf import BLUR_MAX_PX, angle_bin, spread_at
 from mvp.imaging.expectation import DrawnEdges
 
 if TYPE_CHECKING:
-    from mvp.geometry import BoolArray, FloatArray
+    from mvp.geometry import BoolArray, FloatArray, IntArray
 
 WINDOW_PX = 4.0
 SATURATED = 0.975
@@ -128,6 +133,31 @@ def measure_edge(
     return _measurement(picture, line, shifted, band, fit, blocks, task)
 
 
+def share_seen(
+    picture: Picture, line: Line, others: DrawnEdges, blur_px: float
+) -> float:
+    """How much of a line shows some step, when no step was found on the whole."""
+    band = band_of(picture, line, 2.5 + blur_px / 2, others)
+    index, count, _ = _block_index(line, band)
+    use = band.clear & (index >= 0) & (index < count)
+    bins = np.full(int(use.sum()), int(angle_bin(line.across)))
+    samples = BlockSamples(
+        index[use],
+        count,
+        np.ones(int(use.sum())),
+        spread_at(picture.plane.optics, band.t_px[use], blur_px**2, bins),
+        band.grey[use],
+    )
+    return share_with_step(samples, noise=picture.noise)
+
+
+def _block_index(line: Line, band: Band) -> tuple[IntArray, int, float]:
+    """Block of every pixel, their number, and where the first one begins."""
+    count = max(int((line.length_px - 2 * BLOCK_PX) // BLOCK_PX), 1)
+    first = -count * BLOCK_PX / 2
+    return np.floor((band.s_px - first) / BLOCK_PX).astype(np.int64), count, first
+
+
 def _moved(line: Line, offset_px: float, slope: float) -> Line:
     half = slope * line.length_px / 2
     return Line(
@@ -217,9 +247,7 @@ def _blocks(
 ) -> _Blocks:
     """The step in blocks along the edge, the first and last 6 px left out."""
     half = line.length_px / 2
-    count = max(int((line.length_px - 2 * BLOCK_PX) // BLOCK_PX), 1)
-    first = -count * BLOCK_PX / 2
-    index = np.floor((band.s_px - first) / BLOCK_PX).astype(np.int64)
+    index, count, first = _block_index(line, band)
     use = band.clear & (index >= 0) & (index < count)
     basis = _basis(line, band.s_px[use])
     across = band.t_px[use] - basis @ fit.place

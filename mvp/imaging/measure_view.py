@@ -12,7 +12,7 @@ from mvp.imaging.register import Alignment, AlignmentFit, fit_alignment
 from mvp.imaging.register_search import CoarseMatch, coarse_match
 
 if TYPE_CHECKING:
-    from mvp.geometry import BoolArray, FloatArray
+    from mvp.geometry import BoolArray, FloatArray, IntArray
     from mvp.imaging.edge_samples import Picture
     from mvp.imaging.expectation import ViewExpectation
 
@@ -24,6 +24,9 @@ _FOUND_SHARE = 0.7
 _LARGEST_RESIDUAL_PX = 1.5
 _FAINT = 0.05
 _FEWEST_EDGES = 3
+# Clipping moves an edge towards its dark side.
+_CLIPPED = 0.05
+_CLIPPED_PX = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,26 +116,37 @@ def _aligned(
     """Fit what is left after ``alignment`` and judge every edge by it."""
     count = len(found)
     residual, agrees = np.full(count, np.nan), np.zeros(count, dtype=np.bool_)
-    use = [i for i, m in enumerate(found) if m.found]
+    use = np.array([i for i, m in enumerate(found) if m.found], dtype=np.int64)
     rms, total = _unfitted(expectation, len(use)), alignment
     if len(use) < _FEWEST_EDGES:
-        for i in use:
-            residual[i] = found[i].offset_px
-            agrees[i] = True
+        residual[use] = [found[i].offset_px for i in use]
+        agrees[use] = True
     else:
-        fit = _fit(expectation, alignment, [found[i] for i in use], use)
-        total = alignment.then(fit.alignment)
-        residual[use] = fit.residual_px
-        blur = np.array([found[i].blur_px for i in use])
-        close = np.abs(fit.residual_px) < _GATE_PX + _GATE_PER_BLUR * blur
-        agrees[use] = close
-        rms = (
-            float(np.sqrt(np.mean(fit.residual_px[close] ** 2))) if close.any() else rms
-        )
+        clipped = np.array([found[i].saturated > _CLIPPED for i in use])
+        sound = use if (~clipped).sum() < _FEWEST_EDGES else use[~clipped]
+        total = alignment.then(_fit(expectation, alignment, found, sound).alignment)
+        residual[use] = [_left(expectation, total, found, i) for i in use]
+        gate = _GATE_PX + _GATE_PER_BLUR * np.array([found[i].blur_px for i in use])
+        agrees[use] = np.abs(residual[use]) < gate + clipped * _CLIPPED_PX
+        kept = residual[sound][agrees[sound]]
+        rms = float(np.sqrt(np.mean(kept**2))) if len(kept) else rms
     share = _share(expectation, agrees)
     return MeasuredView(
         tuple(found), total, residual, agrees, rms, share, share, coarse
     )
+
+
+def _left(
+    expectation: ViewExpectation,
+    alignment: Alignment,
+    found: list[EdgeMeasurement],
+    index: int,
+) -> float:
+    """Offset of an edge that the alignment does not explain, px."""
+    edge = expectation.edges[index]
+    middle = alignment.apply((edge.start_px + edge.end_px) / 2)
+    line = found[index].line
+    return float(line.across @ (line.middle_px - middle))
 
 
 def _unfitted(expectation: ViewExpectation, found: int) -> float:
@@ -145,14 +159,14 @@ def _fit(
     expectation: ViewExpectation,
     alignment: Alignment,
     found: list[EdgeMeasurement],
-    use: list[int],
+    use: IntArray,
 ) -> AlignmentFit:
     expected = [
         alignment.line(expectation.edges[i].start_px, expectation.edges[i].end_px)
         for i in use
     ]
-    sd = np.array([m.offset_sd_px for m in found])
-    return fit_alignment(expected, [m.line for m in found], sd)
+    sd = np.array([found[i].offset_sd_px for i in use])
+    return fit_alignment(expected, [found[i].line for i in use], sd)
 
 
 def _share(expectation: ViewExpectation, agrees: BoolArray) -> float:

@@ -24,7 +24,13 @@ from mvp.imaging.verify_data import (
     Registration,
     ViewVerification,
 )
-from mvp.imaging.verify_edges import SATURATED, SMALLEST_SNR, edge_report, point_report
+from mvp.imaging.verify_edges import (
+    LOST,
+    SATURATED,
+    SMALLEST_SNR,
+    edge_report,
+    point_report,
+)
 from mvp.imaging.verify_holes import hole_report
 from mvp.imaging.verify_judge import Reports, judge, remarks
 
@@ -35,6 +41,7 @@ if TYPE_CHECKING:
     from mvp.imaging.expectation import ViewExpectation
 
 _CLEAN_MISFIT = 4.0
+_WHITE = 0.95
 
 
 def verify_view(
@@ -94,7 +101,12 @@ def _judged(
 ) -> ViewVerification:
     excess = _excess(expectation, view)
     evidence = Evidence(
-        view.alignment, view.rms_px, excess, reports.lost(), view.share_after
+        view.alignment,
+        view.rms_px,
+        excess,
+        reports.lost(),
+        view.share_after,
+        _clipped_share(expectation, view),
     )
     verdict, finding = judge(expectation, evidence, reports)
     return ViewVerification(
@@ -110,6 +122,24 @@ def _judged(
         exposure=exposure,
         registration=_registration(expectation, view),
     )
+
+
+def _clipped_share(expectation: ViewExpectation, view: MeasuredView) -> float:
+    """Of the edges about the features: which are seen, with a saturated side.
+
+    Those that are white altogether tell nothing; a bright body may hide them.
+    """
+    near = [
+        m
+        for m, edge in zip(view.found, expectation.edges, strict=True)
+        if edge.role != "auxiliary"
+    ]
+    grey = [m for m in near if m.saturated < _WHITE]
+    if not grey:
+        return float(bool(near))
+    seen = [m.found and m.visible_fraction > LOST for m in grey]
+    clipped = [ok and m.saturated > SATURATED for ok, m in zip(seen, grey, strict=True)]
+    return float(np.mean(clipped))
 
 
 def _excess(expectation: ViewExpectation, view: MeasuredView) -> BlurExcess | None:

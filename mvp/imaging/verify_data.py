@@ -29,13 +29,18 @@ Json: TypeAlias = "dict[str, Json] | list[Json] | str | float | int | bool | Non
 
 @dataclass(frozen=True)
 class Blur:
-    """Blur diameter, px: measured with its 95 % interval, predicted, acceptable."""
+    """Blur diameter, px: measured with its 95 % interval, predicted, acceptable.
+
+    ``square_px2`` is the fitted b^2, which may be slightly negative near zero.
+    """
 
     measured_px: float | None
     low_px: float | None
     high_px: float | None
     predicted_px: float
     c_px: float
+    square_px2: float | None = None
+    square_sd_px2: float | None = None
 
 
 @dataclass(frozen=True)

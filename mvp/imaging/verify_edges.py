@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.imaging.cause import scale_tolerance, shift_tolerance_px
-from mvp.imaging.measure_edges import FAINT
+from mvp.imaging.measure_edges import FAINT, share_seen
 from mvp.imaging.measure_ends import Crossing, EndPoint, find_end, not_measured
 from mvp.imaging.verify_data import Blur, EdgeReport, HoleReport, PointReport
 
@@ -23,6 +23,7 @@ LENGTH_SHARE = 0.01
 SMALLEST_SNR = 5.0
 VISIBLE = 0.9
 LOST = 0.75
+PARTLY = 0.1
 SATURATED = 0.05
 _TWO_SIGMA = 1.96
 
@@ -39,6 +40,8 @@ def blur_of(found: EdgeMeasurement | None, predicted_px: float, c_px: float) -> 
         float(np.sqrt(max(high, 0.0))),
         predicted_px,
         c_px,
+        found.blur_q_px2,
+        found.blur_q_sd,
     )
 
 
@@ -74,7 +77,7 @@ def edge_report(
         allowed_offset_px=shift_tolerance_px(
             expectation, (float(middle[0]), float(middle[1]))
         ),
-        visible_fraction=found.visible_fraction if found.found else 0.0,
+        visible_fraction=_visible(picture, expectation, view, index),
         saturated=found.saturated,
         step=found.step if found.found else None,
         snr=found.snr,
@@ -84,6 +87,17 @@ def edge_report(
         blur=blur_of(found, edge.blur_px, expectation.c_px),
         notes=_notes(edge, found, ends),
     )
+
+
+def _visible(
+    picture: Picture, expectation: ViewExpectation, view: MeasuredView, index: int
+) -> float:
+    edge, found = expectation.edges[index], view.found[index]
+    if found.found:
+        return found.visible_fraction
+    line = view.alignment.line(edge.start_px, edge.end_px)
+    others = view.alignment.drawn(expectation.drawn)
+    return share_seen(picture, line, others, edge.blur_px)
 
 
 def _detail(detail_px: float, measured: float | None, predicted: float) -> float | None:
@@ -159,7 +173,12 @@ def faint(report: EdgeReport | HoleReport, limit: float = FAINT) -> bool:
     """The light gives it no contrast above ``limit``, by prediction or as seen."""
     if report.predicted_contrast is not None:
         return report.predicted_contrast < limit
-    return report.step is None and report.snr < SMALLEST_SNR
+    return (
+        report.step is None
+        and report.visible_fraction < PARTLY
+        and report.snr < SMALLEST_SNR
+        and report.saturated < SATURATED
+    )
 
 
 def broken_promises(report: EdgeReport, expectation: ViewExpectation) -> list[str]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mvp.imaging.expectation import ViewExpectation
     from mvp.imaging.verify_data import EdgeReport, HoleReport, PointReport, Verdict
 
-_NOTE_OFFSET_PX = 1.0
+_NOTE_OFFSET_PX = 0.5
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,8 @@ class Reports:
         )
 
     def _hidden(self, report: EdgeReport | HoleReport) -> bool:
-        return report.visible_fraction < LOST and not faint(report, self.faint_below)
+        missing = report.step is None or report.visible_fraction < LOST
+        return missing and not faint(report, self.faint_below)
 
     def _pale(self, report: EdgeReport | HoleReport) -> bool:
         return faint(report, self.faint_below) or report.snr < SMALLEST_SNR
