@@ -88,7 +88,9 @@ def _tolerance(view: PlannedView) -> str:
         f"{t.d_mm * 1000:.0f} um of d, all at once"
     )
     if view.failure_probability is not None:
-        text += f"; fails with probability {view.failure_probability:.2g}"
+        from mvp.cell.wording import chance_text
+
+        text += f"; chance of failing {chance_text(view.failure_probability)}"
     return text
 
 

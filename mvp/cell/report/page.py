@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from mvp.cell.report.measured import Measured, measured_in
+from mvp.cell.wording import chance_text, error_text
 
 if TYPE_CHECKING:
     from mvp.cell.run_document import RunDocument, ViewDocument
     from mvp.planning.plan import Margin, NotCovered, Plan, PlannedView
 
 FULL_SIGMAS = 20.0
-_NO_FAILURE_BOUND = 3 / 50_000  # rule of three: 95 % bound after 50,000 good draws
 WARN_SIGMAS = 3.0
 
 VerdictClass: TypeAlias = Literal["pass", "fail", "unsure"]
@@ -182,7 +182,7 @@ def _section(view: PlannedView, document: ViewDocument | None) -> ViewSection:
         tolerance_method=tolerance.method,
         tolerance=_tolerance(view),
         sensitivity=[
-            (_error_name(key), f"-{loss:.2f} sigma")
+            (error_text(key), f"-{loss:.2f} sigma")
             for key, loss in view.sensitivity.items()
         ],
         settings=_settings(view, document),
@@ -235,19 +235,6 @@ def _tolerance(view: PlannedView) -> list[tuple[str, str]]:
         chance = chance_text(view.failure_probability)
         rows.append(("chance of failing", chance))
     return rows
-
-
-def chance_text(probability: float) -> str:
-    """A probability from draws; none that failed is a bound, not a zero."""
-    if probability > 0:
-        return f"{100 * probability:.2g} %"
-    return f"below {100 * _NO_FAILURE_BOUND:.2g} %"
-
-
-def _error_name(key: str) -> str:
-    """``position_1_mm`` as people say it: 1 mm of position."""
-    name, _, amount = key.partition("_")
-    return f"{amount.replace('_', ' ')} of {name}" if amount else name
 
 
 def _settings(
