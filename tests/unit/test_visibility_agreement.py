@@ -152,6 +152,7 @@ def test_regions_agree_with_the_independent_test(name, record_property):
 
 
 @pytest.mark.full
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", CASES)
 def test_regions_agree_with_the_independent_test_on_many_view_points(
     name, record_property
