@@ -12,6 +12,7 @@ from mvp.optics.views import concatenated
 from mvp.planning.candidates import Screened, distinct, screen
 from mvp.planning.chance import failure_probability
 from mvp.planning.chart import Chart
+from mvp.planning.components import component_numbers
 from mvp.planning.rows import RowTable
 from mvp.planning.search import Climbed, Limits, climb
 from mvp.planning.starts import Start, user_starts
@@ -31,6 +32,7 @@ _POLISHED = 3
 _SAME = 1e-3
 _COMPARED_AT_SIGMA = 3.3
 _SECOND_STAGE_STEPS = 25
+_SECOND_STAGE_GAIN = 0.03
 _PROBE_RADIUS = 0.05
 _SAFE_SIGMA = 3.0
 
@@ -70,7 +72,7 @@ class Solution:
         stage: what was maximised last.
         steps: accepted steps.
         failure_probability: at the stated errors; None if not drawn.
-        component: number of the region's piece, None if it is one piece.
+        component: number of the region's piece by size; None if it is in one piece.
         notes: repairs and choices, in the user's words.
     """
 
@@ -143,8 +145,14 @@ def searched(
     tell("search", 0.2)
     model = LinearModel(table, chart, max_min(table))
     ended = climb(problem, model, concatenated([s.view for s in starts]))
-    found = [_solution(problem, model, ended, k, starts[k]) for k in _ranking(ended)]
-    return Attempt(tuple(found), screened)
+    order = _ranking(ended)
+    found = [_solution(problem, model, ended, k, starts[k]) for k in order]
+    pieces = component_numbers(problem, ended.views.position_mm[order])
+    numbered = [
+        replace(solution, component=piece)
+        for solution, piece in zip(found, pieces, strict=True)
+    ]
+    return Attempt(tuple(numbered), screened)
 
 
 def _starts(problem: PlanningProblem, screened: Screened) -> list[Start]:
@@ -278,7 +286,7 @@ def _second_stage(problem: PlanningProblem, best: Solution, seed: int) -> Soluti
         problem,
         LinearModel(table, chart, merit),
         best.view,
-        limits=Limits(steps=_SECOND_STAGE_STEPS, small_gain=1e-2),
+        limits=Limits(steps=_SECOND_STAGE_STEPS, small_gain=_SECOND_STAGE_GAIN),
     )
     model = LinearModel(table, chart, max_min(table))
     other = described(
@@ -290,7 +298,15 @@ def _second_stage(problem: PlanningProblem, best: Solution, seed: int) -> Soluti
         notes=best.notes,
     )
     return _safer(
-        problem, best, replace(other, stage="second stage", first_stage_t=best.t), seed
+        problem,
+        best,
+        replace(
+            other,
+            stage="second stage",
+            first_stage_t=best.t,
+            component=best.component,
+        ),
+        seed,
     )
 
 

@@ -23,13 +23,18 @@ def seen_side(box: Box, own: OwnFaces) -> Manifold:
     """The part of the workspace that faces enough of the own faces."""
     solid = box_solid(box)
     if not own.any_suffices:
-        for *normal, offset in own.planes.tolist():
-            solid = solid.trim_by_plane(normal, offset)
-        return solid
-    hidden = solid
-    for *normal, offset in (-own.planes).tolist():
-        hidden = hidden.trim_by_plane(normal, offset)
+        return _trimmed_by(solid, own.planes)
+    hidden = _trimmed_by(solid, -own.planes)
     return solid - hidden if len(own.planes) else solid
+
+
+def _trimmed_by(solid: Manifold, planes: FloatArray) -> Manifold:
+    """What lies in front of every plane; trimming nothing would give an invalid solid."""
+    for *normal, offset in planes.tolist():
+        if solid.is_empty():
+            break
+        solid = solid.trim_by_plane(normal, offset)
+    return solid
 
 
 def union(solids: Sequence[Manifold], directions: FloatArray) -> Manifold:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from mvp.constraints import SHIFT, TURN
+from mvp.constraints import SHIFT, TURN, Visibility
+from mvp.geometry import Box
 from mvp.optics import LensTable
 from mvp.planning import (
     LensBounds,
@@ -18,9 +20,11 @@ from mvp.planning import (
     tube_needed,
 )
 from mvp.planning.chance import perturbed
+from mvp.planning.components import component_numbers
 from mvp.planning.linear import HighsSolver, ScipySolver
 from mvp.planning.rows import RowTable
 from mvp.testing.planning_scenes import PaperScene, race_scene, table_views
+from mvp.visibility import prepare, visibility_region
 
 
 @cache
@@ -142,3 +146,22 @@ def test_lens_bounds_and_problems_refuse_nonsense():
             problem.workspace,
         )
     assert Uncertainty().scaled(2.0).sigma == pytest.approx(2 * Uncertainty().sigma)
+
+
+def test_pieces_of_a_disconnected_region_are_numbered_by_size():
+    scene = race()
+    cut = Box(np.array([-650.0, -650.0, 80.0]), np.array([650.0, 650.0, 650.0]))
+    pieces = [piece for edge in scene.edges for piece in edge.sight_pieces()]
+    region = visibility_region(prepare(scene.mesh), pieces, cut)
+    count = len(region.solid.decompose())
+    problem = replace(scene.problem(), constraints=(Visibility(region),), workspace=cut)
+    views = table_views()
+    positions = np.concatenate(
+        [views[n].position_mm for n in ("V_f", "V_f1", "V_f2", "V_i2")]
+    )
+    numbers = component_numbers(problem, positions)
+    assert count > 1
+    assert numbers[0] != numbers[1]
+    assert numbers[1] == numbers[2]
+    assert numbers[3] is None
+    assert component_numbers(scene.problem(), positions[:1]) in ([None], [1], [2])
