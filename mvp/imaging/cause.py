@@ -161,7 +161,7 @@ def _place_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | 
         alignment.shift_px > shift_limit
         or roll > max(_ROLL_DEG, tolerance.angle_deg)
         or abs(alignment.scale - 1) > max(_SCALE, scale_tolerance(expectation))
-        or evidence.residual_px > _RESIDUAL_PX
+        or evidence.residual_px > max(_RESIDUAL_PX, parallax_tolerance_px(expectation))
     ):
         return Finding(
             "misalignment",
@@ -188,6 +188,16 @@ def shift_tolerance_px(
     turn = np.deg2rad(tolerance.angle_deg) * (f_px + radius**2 / f_px)
     shift = f_px * tolerance.position_mm / _depth_mm(expectation)
     return float(turn + shift + radius * scale_tolerance(expectation))
+
+
+def parallax_tolerance_px(expectation: ViewExpectation) -> float:
+    """How far edges at different depths part when the camera uses up its tolerance."""
+    depths = [edge.depth_mm for edge in expectation.edges]
+    if not depths:
+        return 0.0
+    f_px = expectation.plane.f_cal_mm / expectation.plane.px_mm
+    spread = 1 / min(depths) - 1 / max(depths)
+    return float(f_px * expectation.tolerance.position_mm * spread / 2)
 
 
 def scale_tolerance(expectation: ViewExpectation) -> float:

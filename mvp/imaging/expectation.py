@@ -58,6 +58,7 @@ class ExpectedEdge:
         contrast: predicted |step| over the brighter grey, nan when no light is known.
         requirement: of a feature's edge.
         detail_px: image of the required detail, pixels, at its worst place.
+        open_ends: an end runs smoothly into a curve: only the place across is asked.
     """
 
     name: str
@@ -74,6 +75,7 @@ class ExpectedEdge:
     contrast: float = float("nan")
     requirement: Requirement | None = None
     detail_px: float = float("nan")
+    open_ends: bool = False
 
     @property
     def length_px(self) -> float:
@@ -146,12 +148,15 @@ class DrawnEdges:
         start_px, end_px: (k, 2) visible pieces, ideal px.
         blur_px: (k,) blur diameters.
         edge: (k,) number of the CAD edge the piece is from.
+        start_mm, end_mm: (k, 3) the ends in the camera frame.
     """
 
     start_px: FloatArray
     end_px: FloatArray
     blur_px: FloatArray
     edge: IntArray
+    start_mm: FloatArray
+    end_mm: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +170,7 @@ class ViewExpectation:
         edges: feature edges first, then neighbours, then auxiliary ones.
         rims, points: holes and point features.
         drawn: all predicted lines.
+        notes: what of the features is not measured.
     """
 
     plane: ImagePlane

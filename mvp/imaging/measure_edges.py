@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,10 +17,10 @@ from mvp.imaging.edge_fit import StepFit, StepSamples, fit_step, rescaled
 from mvp.imaging.edge_samples import Band, Line, Picture, band_of
 from mvp.imaging.edge_search import find_start
 from mvp.imaging.esf import BLUR_MAX_PX, angle_bin, spread_at
-from mvp.imaging.expectation import DrawnEdges
 
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, IntArray
+    from mvp.imaging.expectation import DrawnEdges
 
 WINDOW_PX = 4.0
 SATURATED = 0.975
@@ -167,8 +167,8 @@ def _moved(line: Line, offset_px: float, slope: float) -> Line:
 
 
 def _shifted(others: DrawnEdges, by_px: FloatArray) -> DrawnEdges:
-    return DrawnEdges(
-        others.start_px + by_px, others.end_px + by_px, others.blur_px, others.edge
+    return replace(
+        others, start_px=others.start_px + by_px, end_px=others.end_px + by_px
     )
 
 

@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.imaging.edge_samples import Line
 from mvp.imaging.measure_edges import EdgeMeasurement, EdgeTask, measure_edge
 from mvp.imaging.register import Alignment, AlignmentFit, fit_alignment
+from mvp.imaging.register_pose import PoseOffset, fit_pose
 from mvp.imaging.register_search import CoarseMatch, coarse_match
 
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, IntArray
     from mvp.imaging.edge_samples import Picture
-    from mvp.imaging.expectation import ViewExpectation
+    from mvp.imaging.expectation import DrawnEdges, ViewExpectation
 
 _SEARCH_PX = 6.0
 _AGAIN_PX = 2.5
@@ -24,6 +26,11 @@ _FOUND_SHARE = 0.7
 _LARGEST_RESIDUAL_PX = 1.5
 _FAINT = 0.05
 _FEWEST_EDGES = 3
+_FEWEST_FOR_POSE = 8
+_POSE_REACH_PX = 1.5
+_POSE_GAIN = 0.6
+# A similarity this good leaves nothing to explain.
+_FINE_PX = 0.15
 # Clipping moves an edge towards its dark side.
 _CLIPPED = 0.05
 _CLIPPED_PX = 1.0
@@ -42,6 +49,8 @@ class MeasuredView:
         share_before: of the expected length found where it was expected.
         share_after: the same with the alignment.
         coarse: result of the search over shift, roll and scale, if it was needed.
+        pose: the motion of the part that explains the offsets; where it does so
+            better than a similarity (edges at different depths) edges are placed by it.
     """
 
     found: tuple[EdgeMeasurement, ...]
@@ -52,12 +61,28 @@ class MeasuredView:
     share_before: float
     share_after: float
     coarse: CoarseMatch | None
+    pose: PoseOffset | None = None
+
+    def line(self, expectation: ViewExpectation, index: int) -> Line:
+        """Where an expected edge should be now."""
+        edge, plane = expectation.edges[index], expectation.plane
+        if self.pose is None:
+            return self.alignment.line(edge.start_px, edge.end_px)
+        return Line(
+            self.pose.places(edge.start_mm, plane), self.pose.places(edge.end_mm, plane)
+        )
+
+    def drawn(self, expectation: ViewExpectation) -> DrawnEdges:
+        """All predicted lines where they should be now."""
+        if self.pose is None:
+            return self.alignment.drawn(expectation.drawn)
+        return self.pose.drawn(expectation.drawn, expectation.plane)
 
 
 def measure_view(picture: Picture, expectation: ViewExpectation) -> MeasuredView:
     """Measure every expected edge; register the picture when that is needed."""
     blur = np.array([edge.blur_px for edge in expectation.edges])
-    first = _measure(picture, expectation, Alignment(), blur, _SEARCH_PX)
+    first = _measure(picture, expectation, _placed(Alignment()), blur, _SEARCH_PX)
     view = _aligned(expectation, Alignment(), first, None)
     if not _needs_search(view):
         return _second_look(picture, expectation, view, blur)
@@ -79,7 +104,7 @@ def _registered(
     blur = np.full(len(expectation.edges), 3.0)
     view = before
     for search_px in (10.0, 5.0):
-        found = _measure(picture, expectation, alignment, blur, search_px)
+        found = _measure(picture, expectation, _placed(alignment), blur, search_px)
         view = _aligned(expectation, alignment, found, coarse)
         alignment = view.alignment
         measured = [m.blur_px for m in view.found if m.found]
@@ -90,21 +115,30 @@ def _registered(
 def _measure(
     picture: Picture,
     expectation: ViewExpectation,
-    alignment: Alignment,
+    view: MeasuredView,
     blur_px: FloatArray,
     search_px: float,
     which: BoolArray | None = None,
 ) -> list[EdgeMeasurement]:
-    drawn = alignment.drawn(expectation.drawn)
+    """Measure the edges (or only some) where ``view`` places them."""
+    drawn = view.drawn(expectation)
     out = []
     for index, edge in enumerate(expectation.edges):
-        line = alignment.line(edge.start_px, edge.end_px)
+        line = view.line(expectation, index)
         if which is not None and not which[index]:
             out.append(EdgeMeasurement(False, "not asked", line))
             continue
         task = EdgeTask(edge.role, search_px, float(blur_px[index]), edge.visible)
         out.append(measure_edge(picture, line, drawn, task))
     return out
+
+
+def _placed(alignment: Alignment) -> MeasuredView:
+    """Nothing measured yet, everything where an alignment puts it."""
+    none = np.zeros(0)
+    return MeasuredView(
+        (), alignment, none, none.astype(np.bool_), float("inf"), 0.0, 0.0, None
+    )
 
 
 def _aligned(
@@ -193,14 +227,37 @@ def _second_look(
     blur_px: FloatArray,
 ) -> MeasuredView:
     """Search the edges that disagree close to where the others say they are."""
+    view = _posed(expectation, view)
     which = ~view.agrees
     if not which.any() or not view.agrees.any():
         return view
-    again = _measure(
-        picture, expectation, view.alignment, blur_px, _AGAIN_PX, np.asarray(which)
-    )
+    again = _measure(picture, expectation, view, blur_px, _AGAIN_PX, np.asarray(which))
     merged = [
         new if new.found else old for new, old in zip(again, view.found, strict=True)
     ]
     better = _aligned(expectation, view.alignment, merged, view.coarse)
-    return replace(better, share_before=view.share_before)
+    return _posed(expectation, replace(better, share_before=view.share_before))
+
+
+def _posed(expectation: ViewExpectation, view: MeasuredView) -> MeasuredView:
+    """Judge the edges by a motion in space where that explains the picture better."""
+    near = [
+        i
+        for i, m in enumerate(view.found)
+        if m.found and abs(view.residual_px[i]) < _POSE_REACH_PX + 2 * view.rms_px
+    ]
+    if len(near) < _FEWEST_FOR_POSE:
+        return view
+    edges = [expectation.edges[i] for i in near]
+    pose = fit_pose(edges, [view.found[i].line for i in near], expectation.plane)
+    if pose is None or pose.residual_px > _POSE_GAIN * max(view.rms_px, _FINE_PX):
+        return view
+    posed = replace(view, pose=pose)
+    residual, agrees = view.residual_px.copy(), view.agrees.copy()
+    for i, m in enumerate(view.found):
+        if m.found:
+            middle = posed.line(expectation, i).middle_px
+            residual[i] = float(m.line.across @ (m.line.middle_px - middle))
+            agrees[i] = abs(residual[i]) < _GATE_PX + _GATE_PER_BLUR * m.blur_px
+    share = _share(expectation, agrees)
+    return replace(posed, residual_px=residual, agrees=agrees, share_after=share)

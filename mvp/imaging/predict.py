@@ -25,7 +25,6 @@ from mvp.imaging.predict_geometry import (
     detail_px,
     distance_mm,
     on_line,
-    straight_segments,
 )
 from mvp.imaging.predict_lines import (
     SAMPLES,
@@ -37,6 +36,7 @@ from mvp.imaging.predict_lines import (
     sight,
     silhouettes,
 )
+from mvp.imaging.predict_outlines import Side, outline_parts
 from mvp.imaging.predict_rims import expected_rim
 from mvp.imaging.render_body import RenderBody
 from mvp.imaging.render_scene import RenderScene
@@ -137,6 +137,7 @@ def expect_view(
         drawn=_all_drawn(stage, mesh),
         rims=rims,
         points=points,
+        notes=tuple(builder.notes),
     )
 
 
@@ -160,6 +161,7 @@ class _Builder:
     def __init__(self, stage: _Stage) -> None:
         self.stage = stage
         self.edges: list[ExpectedEdge] = []
+        self.notes: list[str] = []
         self._used: set[int] = set()
         self._feature_lines: dict[int, int] = {}
         self._neighbour_of: dict[tuple[int, bool], int] = {}
@@ -171,9 +173,9 @@ class _Builder:
         rims: list[ExpectedRim] = []
         for feature in features:
             if feature.kind in ("edge", "face"):
-                self._add_outline(feature)
+                rims += self._add_outline(feature)
             elif feature.kind == "hole":
-                rims.append(self._rim(feature))
+                rims.append(self._rim(feature.id, np.asarray(feature.outline_mm[0])))
         for index, edge in enumerate(self.edges[:]):
             start = self._neighbours(self._part_point(edge.start_mm), edge.direction)
             end = self._neighbours(self._part_point(edge.end_mm), edge.direction)
@@ -186,20 +188,23 @@ class _Builder:
     def _part_point(self, point_camera: FloatArray) -> FloatArray:
         return self.stage.pose.apply(point_camera)
 
-    def _add_outline(self, feature: Feature) -> None:
-        segments = [
-            (a, b)
-            for line in feature.outline_mm
-            for a, b in straight_segments(np.asarray(line))
-        ]
-        for number, (a, b) in enumerate(segments):
-            name = feature.id if len(segments) == 1 else f"{feature.id}:{number + 1}"
-            self.edges.append(self._feature_edge(feature.id, name, a, b))
-
-    def _feature_edge(
-        self, feature: str, name: str, a_mm: FloatArray, b_mm: FloatArray
-    ) -> ExpectedEdge:
+    def _add_outline(self, feature: Feature) -> list[ExpectedRim]:
+        """Keep the straight sides, return the circles, note what is left out."""
         stage = self.stage
+        lines = tuple(np.asarray(line) for line in feature.outline_mm)
+        parts = outline_parts(lines, stage.pose, stage.plane)
+        for number, side in enumerate(parts.sides, 1):
+            name = feature.id if len(lines[0]) == 2 else f"{feature.id}:{number}"
+            self.edges.append(self._feature_edge(feature.id, name, side))
+        if parts.left_px > 0:
+            self.notes.append(
+                f"{feature.id}: {parts.left_px:.0f} of {parts.total_px:.0f} px of its "
+                "outline are curved or too short and are not measured"
+            )
+        return [self._rim(feature.id, rim) for rim in parts.rims]
+
+    def _feature_edge(self, feature: str, name: str, side: Side) -> ExpectedEdge:
+        stage, a_mm, b_mm = self.stage, side.start_mm, side.end_mm
         along = on_line(stage.lines, a_mm, b_mm)
         for line_number in np.flatnonzero(along):
             self._used.add(int(line_number))
@@ -216,9 +221,9 @@ class _Builder:
         )
         seen = sight(line, stage.scene, stage.pose, stage.plane)
         requirement = stage.requirements.get(feature)
-        return self._edge(
-            name, feature, "feature", seen, 0, (0, SAMPLES - 1), requirement
-        )
+        run = 0, SAMPLES - 1
+        edge = self._edge(name, feature, "feature", seen, 0, run, requirement)
+        return replace(edge, open_ends=side.open_ends)
 
     def _edge(
         self,
@@ -349,15 +354,16 @@ class _Builder:
             if not edge.contrast < _FAINT:
                 self.edges.append(edge)
 
-    def _rim(self, feature: Feature) -> ExpectedRim:
+    def _rim(self, feature: str, outline_mm: FloatArray) -> ExpectedRim:
         stage = self.stage
         return expected_rim(
             feature,
+            outline_mm,
             stage.scene,
             stage.pose,
             stage.plane,
             stage.light,
-            stage.requirements.get(feature.id),
+            stage.requirements.get(feature),
             stage.lines,
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -11,7 +12,7 @@ from mvp.imaging.predict_lines import hit_depth
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mvp.geometry import FloatArray, Pose
+    from mvp.geometry import BoolArray, FloatArray, Pose
     from mvp.imaging.light import Float32Array
     from mvp.imaging.measure_plane import ImagePlane
     from mvp.imaging.render_scene import RenderScene
@@ -35,27 +36,91 @@ class LightModel(Protocol):
         ...
 
 
-def greys(
+@dataclass(frozen=True, eq=False)
+class LitPlaces:
+    """What lies at n places of a picture.
+
+    Attributes:
+        solid: (n,) something is hit.
+        points, normals: (n, 3) of what is hit, camera frame; 0 elsewhere.
+        albedo: (n,) diffuse reflectance.
+    """
+
+    solid: BoolArray
+    points: FloatArray
+    normals: FloatArray
+    albedo: Float32Array
+
+    def greys(self, light: LightModel, turns_rad: FloatArray) -> FloatArray:
+        """Greys (R, n) when the camera, and its light, is turned about its axis.
+
+        Args:
+            light: fixed to the camera.
+            turns_rad: (R,) from the camera's x towards its y.
+        """
+        turns = np.asarray(turns_rad, np.float64)
+        out = np.full((len(turns), len(self.solid)), light.background)
+        points = _turned(self.points[self.solid], turns)
+        normals = _turned(self.normals[self.solid], turns)
+        lit = light.radiance(
+            list(points.reshape(-1, 3).T.astype(np.float32)),
+            list(normals.reshape(-1, 3).T.astype(np.float32)),
+            np.tile(self.albedo[self.solid], len(turns)),
+        )
+        out[:, self.solid] = lit.reshape(len(turns), -1)
+        return out
+
+
+def _turned(vectors: FloatArray, turns_rad: FloatArray) -> FloatArray:
+    """Vectors (n, 3) in the frames (R) of a camera turned about its own axis."""
+    c, s = np.cos(turns_rad)[:, None], np.sin(turns_rad)[:, None]
+    x, y, z = (column[None] for column in vectors.T)
+    return np.stack([c * x + s * y, c * y - s * x, z + 0 * c], axis=-1)
+
+
+def lit_places(
     places_px: FloatArray,
-    light: LightModel,
     scene: RenderScene,
     part_from_camera: Pose,
     plane: ImagePlane,
-) -> FloatArray:
-    """Predicted grey at ideal pixels (n, 2), without blur."""
+) -> LitPlaces:
+    """What lies at ideal pixels (n, 2)."""
     directions = np.ones((len(places_px), 3))
     directions[:, :2] = places_px * (plane.px_mm / plane.f_cal_mm)
     depth, found = hit_depth(directions, scene, part_from_camera)
     solid = np.isfinite(depth)
-    points = directions[solid] * depth[solid, None]
-    normals = scene.planes(part_from_camera).normals[found[solid]]
-    out = np.full(len(places_px), light.background)
-    out[solid] = light.radiance(
-        list(points.T.astype(np.float32)),
-        list(normals.T),
-        scene.albedo[found[solid]],
+    points = directions * np.where(solid, depth, 0.0)[:, None]
+    normals = scene.planes(part_from_camera).normals[found].astype(np.float64)
+    return LitPlaces(solid, points, normals, scene.albedo[found])
+
+
+@dataclass(frozen=True, eq=False)
+class BothSides:
+    """What lies on either side of n places along lines of a picture."""
+
+    before: LitPlaces
+    behind: LitPlaces
+
+    def contrast(self, light: LightModel, turns_rad: FloatArray) -> FloatArray:
+        """|step| over the brighter grey, (R, n), for a camera turned about its axis."""
+        a, b = (p.greys(light, turns_rad) for p in (self.before, self.behind))
+        return np.asarray(np.abs(b - a) / np.maximum(np.maximum(a, b), 1e-6))
+
+
+def both_sides(
+    places_px: FloatArray,
+    normals_px: FloatArray,
+    away_px: FloatArray | float,
+    scene: RenderScene,
+    part_from_camera: Pose,
+    plane: ImagePlane,
+) -> BothSides:
+    """Look ``away_px`` to either side of places (n, 2) along normals (n, 2)."""
+    step = np.reshape(away_px, (-1, 1)) * normals_px
+    return BothSides(
+        lit_places(places_px - step, scene, part_from_camera, plane),
+        lit_places(places_px + step, scene, part_from_camera, plane),
     )
-    return out
 
 
 def contrast_at(
@@ -68,15 +133,5 @@ def contrast_at(
     plane: ImagePlane,
 ) -> FloatArray:
     """|step| over the brighter grey (n,), between both sides of places (n, 2)."""
-    sides = [
-        greys(
-            places_px + sign * away_px * normals_px,
-            light,
-            scene,
-            part_from_camera,
-            plane,
-        )
-        for sign in (-1.0, 1.0)
-    ]
-    brighter = np.maximum(np.maximum(sides[0], sides[1]), 1e-6)
-    return np.asarray(np.abs(sides[1] - sides[0]) / brighter)
+    sides = both_sides(places_px, normals_px, away_px, scene, part_from_camera, plane)
+    return sides.contrast(light, np.zeros(1))[0]

@@ -132,7 +132,7 @@ def runs(visible: BoolArray) -> list[tuple[int, int]]:
 
 def drawn_pieces(seen: Sightings, plane: ImagePlane) -> DrawnEdges:
     """All visible runs of all lines as straight pieces."""
-    starts, ends, blurs, owners = [], [], [], []
+    starts, ends, blurs, owners, shares = [], [], [], [], []
     for index in np.flatnonzero(seen.visible.sum(axis=1) > 1):
         for first, last in runs(seen.visible[index]):
             if last > first:
@@ -141,11 +141,17 @@ def drawn_pieces(seen: Sightings, plane: ImagePlane) -> DrawnEdges:
                 middle = seen.depth_mm[index, (first + last) // 2]
                 blurs.append(float(plane.blur_px(middle)))
                 owners.append(int(index))
+                shares.append((first / (SAMPLES - 1), last / (SAMPLES - 1)))
+    owner = np.array(owners, dtype=np.int64)
+    low, high = np.array(shares).reshape(-1, 2).T[:, :, None]
+    origin, along = seen.start_mm[owner], (seen.end_mm - seen.start_mm)[owner]
     return DrawnEdges(
         np.array(starts).reshape(-1, 2),
         np.array(ends).reshape(-1, 2),
         np.array(blurs),
-        np.array(owners, dtype=np.int64),
+        owner,
+        origin + low * along,
+        origin + high * along,
     )
 
 

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from mvp.geometry import FloatArray, IntArray, Pose
     from mvp.imaging.measure_plane import ImagePlane
     from mvp.imaging.render_scene import RenderScene
-    from mvp.scene import Feature
 
 RIM_POINTS = 96
 _LIFT_MM = 0.02
@@ -22,7 +21,8 @@ _ON_RIM_MM = 0.05
 
 
 def expected_rim(
-    feature: Feature,
+    feature: str,
+    outline_mm: FloatArray,
     scene: RenderScene,
     part_from_camera: Pose,
     plane: ImagePlane,
@@ -30,9 +30,8 @@ def expected_rim(
     requirement: Requirement | None,
     lines: Lines,
 ) -> ExpectedRim:
-    """Predict the ellipse of a hole feature's rim."""
-    outline = np.asarray(feature.outline_mm[0])
-    centre, axis, radius = fitted_circle(part_from_camera.inverse().apply(outline))
+    """Predict the ellipse of a circle (n, 3) on the part that a feature asks for."""
+    centre, axis, radius = fitted_circle(part_from_camera.inverse().apply(outline_mm))
     points = circle_points(centre, axis, radius)
     places = plane.project(points)
     lifted = points + _LIFT_MM * axis
@@ -48,7 +47,7 @@ def expected_rim(
     if requirement is not None:
         detail = _detail_px(centre, axis, radius, requirement, plane)
     return ExpectedRim(
-        feature.id,
+        feature,
         places,
         centre,
         axis,

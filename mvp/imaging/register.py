@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mvp.imaging.edge_samples import Line
-from mvp.imaging.expectation import DrawnEdges
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mvp.geometry import BoolArray, FloatArray
+    from mvp.imaging.expectation import DrawnEdges
 
 _ROUNDS = 12
 _SMALLEST_SCATTER_PX = 0.15
@@ -54,11 +54,10 @@ class Alignment:
 
     def drawn(self, edges: DrawnEdges) -> DrawnEdges:
         """All predicted lines where they should be now."""
-        return DrawnEdges(
-            self.apply(edges.start_px),
-            self.apply(edges.end_px),
-            edges.blur_px,
-            edges.edge,
+        return replace(
+            edges,
+            start_px=self.apply(edges.start_px),
+            end_px=self.apply(edges.end_px),
         )
 
     def then(self, finer: Alignment) -> Alignment:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from mvp.imaging.edge_samples import Line
-    from mvp.imaging.expectation import ExpectedEdge
+    from mvp.imaging.expectation import DrawnEdges, ExpectedEdge
     from mvp.imaging.measure_plane import ImagePlane
 
 _ROUNDS = 8
@@ -22,6 +22,7 @@ _STEP = 1e-4
 _PRIOR_SD = np.array([20.0, 20.0, 20.0, 0.1, 0.1, 0.1])
 _OFFSET_SD_PX = 0.05
 _FEWEST_EDGES = 4
+_SMALLEST_SCATTER_PX = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,21 @@ class PoseOffset:
     rotvec_rad: FloatArray
     sd: FloatArray
     residual_px: float
+
+    def places(self, points_camera: FloatArray, plane: ImagePlane) -> FloatArray:
+        """Where points (..., 3) of the plan appear, ideal px (..., 2)."""
+        moved = Pose.from_rotvec(
+            "camera", "camera", self.rotvec_rad, self.position_mm
+        ).apply(points_camera)
+        return plane.project(moved)
+
+    def drawn(self, edges: DrawnEdges, plane: ImagePlane) -> DrawnEdges:
+        """All predicted lines where they should be now."""
+        return replace(
+            edges,
+            start_px=self.places(edges.start_mm, plane),
+            end_px=self.places(edges.end_mm, plane),
+        )
 
 
 def fit_pose(
@@ -67,15 +83,23 @@ def fit_pose(
 
     x = np.zeros(6)
     prior = np.diag((_OFFSET_SD_PX / _PRIOR_SD) ** 2)
-    gram = prior
+    gram, weight = prior, np.ones(len(points))
     for _ in range(_ROUNDS):
         left = offsets(x)
         jacobian = _jacobian(offsets, x, left)
-        gram = jacobian.T @ jacobian + prior
-        x = x - np.linalg.solve(gram, jacobian.T @ left + prior @ x)
-    residual = float(np.sqrt(np.mean(offsets(x) ** 2)))
+        weighted = jacobian * weight[:, None]
+        gram = weighted.T @ jacobian + prior
+        x = x - np.linalg.solve(gram, weighted.T @ left + prior @ x)
+        weight = _tukey(offsets(x))
+    left = offsets(x)
+    residual = float(np.sqrt((weight * left**2).sum() / max(weight.sum(), 1e-9)))
     sd = np.sqrt(np.diag(np.linalg.inv(gram))) * max(residual, _OFFSET_SD_PX)
     return PoseOffset(x[:3], x[3:], sd, residual)
+
+
+def _tukey(left: FloatArray) -> FloatArray:
+    scatter = max(1.4826 * float(np.median(np.abs(left))), _SMALLEST_SCATTER_PX)
+    return np.asarray(np.clip(1 - (left / (4.7 * scatter)) ** 2, 0.0, 1.0) ** 2)
 
 
 def _jacobian(

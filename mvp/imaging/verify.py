@@ -114,7 +114,7 @@ def _judged(
         cause=finding.cause if finding else None,
         explanation=finding.explanation if finding else "every promise was kept",
         check_first=CHECK_FIRST[finding.cause] if finding else "",
-        notes=remarks(reports) if verdict == "pass" else (),
+        notes=expectation.notes + (remarks(reports) if verdict == "pass" else ()),
         edges=reports.edges,
         holes=reports.holes,
         points=reports.points,

@@ -68,6 +68,7 @@ class EdgeReport:
         required_px: what was promised for it.
         blur: of this edge.
         notes: what could not be measured, and why.
+        length_asked: its ends are marked, so that its length must be measured.
     """
 
     feature: str
@@ -92,6 +93,7 @@ class EdgeReport:
     required_px: float | None
     blur: Blur
     notes: tuple[str, ...] = ()
+    length_asked: bool = True
 
 
 @dataclass(frozen=True)
@@ -202,7 +204,7 @@ class ViewVerification:
         cause: the most likely single fault, None for a pass.
         explanation: one sentence for people.
         check_first: what to look at first.
-        notes: what is remarkable about a pass.
+        notes: what is not measured at all, and what is remarkable about a pass.
         edges, holes, points: one entry per feature edge, rim and point.
     """
 

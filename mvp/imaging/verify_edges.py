@@ -50,9 +50,10 @@ def edge_report(
 ) -> EdgeReport:
     """Everything about one feature edge."""
     edge, found = expectation.edges[index], view.found[index]
+    line = view.line(expectation, index)
     ends = [
-        _end(picture, view, index, edge.start_px, edge.start_neighbours, expectation),
-        _end(picture, view, index, edge.end_px, edge.end_neighbours, expectation),
+        _end(picture, view, index, line.start_px, edge.start_neighbours, expectation),
+        _end(picture, view, index, line.end_px, edge.end_neighbours, expectation),
     ]
     length, sd = _length(ends, found)
     offset = _offset_at_middle(edge, found) if found.found else None
@@ -86,6 +87,7 @@ def edge_report(
         required_px=edge.requirement.pixels if edge.requirement else None,
         blur=blur_of(found, edge.blur_px, expectation.c_px),
         notes=_notes(edge, found, ends),
+        length_asked=not edge.open_ends,
     )
 
 
@@ -95,9 +97,8 @@ def _visible(
     edge, found = expectation.edges[index], view.found[index]
     if found.found:
         return found.visible_fraction
-    line = view.alignment.line(edge.start_px, edge.end_px)
-    others = view.alignment.drawn(expectation.drawn)
-    return share_seen(picture, line, others, edge.blur_px)
+    line = view.line(expectation, index)
+    return share_seen(picture, line, view.drawn(expectation), edge.blur_px)
 
 
 def _detail(detail_px: float, measured: float | None, predicted: float) -> float | None:
@@ -127,9 +128,8 @@ def _end(
         Crossing(expectation.edges[n].name, view.found[n], float(view.residual_px[n]))
         for n in neighbours
     ]
-    expected = view.alignment.apply(expected_px)
     own = float(view.residual_px[index])
-    return find_end(picture, view.found[index], expected, crossings, own)
+    return find_end(picture, view.found[index], expected_px, crossings, own)
 
 
 def _length(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,12 +36,12 @@ def hole_report(
 ) -> HoleReport:
     """Everything about one rim."""
     plan = fitted_ellipse(rim.points_px)
-    expected = plan.moved(view.alignment)
+    expected = _now(plan, view, rim, expectation)
     aligned = int(view.agrees.sum()) >= _FEWEST_FOR_ALIGNMENT
     found = measure_rim(
         picture,
         expected,
-        view.alignment.drawn(expectation.drawn),
+        view.drawn(expectation),
         rim,
         search_px=_ALIGNED_SEARCH_PX if aligned else _UNALIGNED_SEARCH_PX,
     )
@@ -68,6 +69,18 @@ def hole_report(
         blur=_blur(found, rim, expectation.c_px),
         notes=_notes(rim, found),
     )
+
+
+def _now(
+    plan: Ellipse, view: MeasuredView, rim: ExpectedRim, expectation: ViewExpectation
+) -> Ellipse:
+    """The rim where it should be in this picture; eccentric angles are kept."""
+    if view.pose is None:
+        return plan.moved(view.alignment)
+    centre = view.pose.places(rim.centre_mm, expectation.plane)
+    start = expectation.plane.project(rim.centre_mm)
+    by = centre - start
+    return replace(plan, x_px=plan.x_px + float(by[0]), y_px=plan.y_px + float(by[1]))
 
 
 def _contrast(rim: ExpectedRim) -> float | None:

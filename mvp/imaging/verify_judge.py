@@ -43,7 +43,9 @@ class Reports:
 
     def unmeasured(self) -> tuple[str, ...]:
         """Features whose size or place was not found."""
-        missing = [e.name for e in self.edges if e.measured_px is None]
+        missing = [
+            e.name for e in self.edges if e.measured_px is None and e.length_asked
+        ]
         missing += [h.feature for h in self.holes if h.measured_px is None]
         return tuple(
             missing + [p.feature for p in self.points if p.measured_px is None]

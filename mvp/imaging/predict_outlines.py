@@ -1,0 +1,149 @@
+"""The outline of a feature, sorted into what a picture is measured for.
+
+A tessellated circle is measured as a rim. Straight sides are measured as edges; where
+one runs smoothly into a curve its end is marked by nothing, so only its place across is
+asked. Short chords of other curves are not measured, and the caller is told how much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mvp.imaging.predict_geometry import straight_segments
+from mvp.imaging.predict_rims import fitted_circle
+
+if TYPE_CHECKING:
+    from mvp.geometry import BoolArray, FloatArray, Pose
+    from mvp.imaging.measure_plane import ImagePlane
+
+_FEWEST_ON_CIRCLE = 8
+_OFF_CIRCLE = 2e-3
+_OFF_CIRCLE_MM = 5e-3
+_LARGEST_STEP_RAD = np.deg2rad(60.0)
+_SAGITTA_PX = 0.5
+_SMALLEST_RIM_PX = 12.0
+_SHORTEST_PX = 8.0
+_SHORTEST_CHORD_PX = 25.0
+_SMOOTH_RAD = np.deg2rad(30.0)
+_CROSSING_RAD = np.deg2rad(15.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """A straight side of an outline, part frame.
+
+    Attributes:
+        open_ends: an end runs on smoothly, so its length cannot be measured.
+    """
+
+    start_mm: FloatArray
+    end_mm: FloatArray
+    open_ends: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineParts:
+    """What is measured of a feature's polylines.
+
+    Attributes:
+        rims: circles as polylines, part frame.
+        sides: straight sides.
+        left_px: length in the picture that is not measured.
+        total_px: length in the picture of all polylines.
+    """
+
+    rims: tuple[FloatArray, ...]
+    sides: tuple[Side, ...]
+    left_px: float
+    total_px: float
+
+
+def outline_parts(
+    polylines_mm: tuple[FloatArray, ...], part_from_camera: Pose, plane: ImagePlane
+) -> OutlineParts:
+    """Sort the polylines (n, 3), part frame, of one feature."""
+    camera_from_part = part_from_camera.inverse()
+    rims: list[FloatArray] = []
+    sides: list[Side] = []
+    left = total = 0.0
+    for polyline in polylines_mm:
+        points_camera = camera_from_part.apply(polyline)
+        length = _lengths_px(points_camera[:-1], points_camera[1:], plane)
+        total += float(length.sum())
+        if is_circle(points_camera, plane):
+            width = np.ptp(plane.project(points_camera), axis=0)
+            if width.min() < _SMALLEST_RIM_PX:
+                left += float(length.sum())
+            else:
+                rims.append(polyline)
+            continue
+        kept, unmeasured = _sides(polyline, camera_from_part, plane)
+        sides += kept
+        left += unmeasured
+    return OutlineParts(tuple(rims), tuple(sides), left, total)
+
+
+def is_circle(points_camera: FloatArray, plane: ImagePlane) -> bool:
+    """Whether a polyline (n, 3) is a circle as far as the picture can tell."""
+    ring = points_camera[:-1]
+    closed = np.linalg.norm(points_camera[0] - points_camera[-1]) < _OFF_CIRCLE_MM
+    if not closed or len(ring) < _FEWEST_ON_CIRCLE:
+        return False
+    centre, axis, radius = fitted_circle(ring)
+    relative = ring - centre
+    height = relative @ axis
+    flat = np.linalg.norm(relative - height[:, None] * axis, axis=1)
+    off = max(float(np.abs(flat - radius).max()), float(np.abs(height).max()))
+    if not off < _OFF_CIRCLE * radius + _OFF_CIRCLE_MM:
+        return False
+    chord = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1)
+    step = 2 * np.arcsin(np.minimum(chord.max() / (2 * radius), 1.0))
+    scale = plane.f_cal_mm / plane.px_mm / centre[2]
+    sagitta_px = radius * (1 - np.cos(step / 2)) * scale
+    return bool(step < _LARGEST_STEP_RAD and sagitta_px < _SAGITTA_PX)
+
+
+def _sides(
+    polyline: FloatArray, camera_from_part: Pose, plane: ImagePlane
+) -> tuple[list[Side], float]:
+    """Straight sides worth measuring, and the length left out, px."""
+    pieces = straight_segments(polyline)
+    ends = np.array(pieces)
+    camera = camera_from_part.apply(ends)
+    length = _lengths_px(camera[:, 0], camera[:, 1], plane)
+    turn = _turns(ends, closed=np.allclose(polyline[0], polyline[-1]))
+    before, after = turn, np.roll(turn, -1)
+    chord = (np.minimum(before, after) < _SMOOTH_RAD) & (length < _SHORTEST_CHORD_PX)
+    kept = (length >= _SHORTEST_PX) & ~chord
+    open_ends = _open(before, np.roll(kept, 1)) | _open(after, np.roll(kept, -1))
+    sides = [
+        Side(pieces[k][0], pieces[k][1], bool(open_ends[k]))
+        for k in np.flatnonzero(kept)
+    ]
+    return sides, float(length[~kept].sum())
+
+
+def _open(turn: FloatArray, neighbour_kept: BoolArray) -> BoolArray:
+    """Where a side runs on: straight ahead, or into a curve that is not measured."""
+    return np.asarray((turn < _CROSSING_RAD) | ((turn < _SMOOTH_RAD) & ~neighbour_kept))
+
+
+def _turns(ends: FloatArray, *, closed: bool) -> FloatArray:
+    """Angle (k,) between each piece and the one before it; pi at a loose end."""
+    along = ends[:, 1] - ends[:, 0]
+    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    cosine = np.einsum("ij,ij->i", along, np.roll(along, 1, axis=0))
+    turn = np.arccos(np.clip(cosine, -1, 1))
+    if not closed:
+        turn[0] = np.pi
+    return np.asarray(turn)
+
+
+def _lengths_px(
+    start_camera: FloatArray, end_camera: FloatArray, plane: ImagePlane
+) -> FloatArray:
+    step = plane.project(end_camera) - plane.project(start_camera)
+    return np.asarray(np.linalg.norm(step, axis=1))
