@@ -157,7 +157,6 @@ def _belief(cell: LoadedCell, bodies: WorldBodies) -> WorldBelief:
         reference_d_mm=reference if reference is not None else 0.0,
         base_from_part=found.base_from_part,
         mounted_tube_mm=cell.config.optics.mounted_tube_mm,
-        mounted_tube_mm=cell.config.optics.mounted_tube_mm,
         light=light.belief if light is not None else None,
     )
 

@@ -319,12 +319,17 @@ def _in_thread(runner: Runner, follow: Callable[[Runner], None]) -> RunOutcome:
         target=lambda: outcomes.append(runner.run()), name="mvp-cell run"
     )
     worker.start()
+    stopping = False
     while worker.is_alive():
+        # A second Ctrl-C may come while the first one is still being served.
         try:
-            follow(runner)
+            if stopping:
+                runner.abort()
+            else:
+                follow(runner)
             worker.join()
         except KeyboardInterrupt:
-            runner.abort()
+            stopping = True
     if not outcomes:
         raise RuntimeError("the run ended without an outcome")
     return outcomes[0]

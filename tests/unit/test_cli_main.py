@@ -1,0 +1,133 @@
+"""The command itself: what help costs, and how it answers to signals and people."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from mvp.cell.places import bundled_root
+from mvp.cell.run_job import Motion
+from mvp.cli.ask import allow_motion
+from mvp.cli.main import invoke
+from mvp.devices import DeviceInfo
+from mvp.errors import UsageError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HEAVY = ("cv2", "scipy", "trimesh", "igl", "matplotlib", "embreex", "manifold3d")
+
+
+def test_help_imports_no_heavy_library() -> None:
+    code = (
+        "import sys; from mvp.cli.main import invoke; invoke(['--help']);"
+        f"heavy = [m for m in {HEAVY!r} if m in sys.modules];"
+        "sys.exit(f'imported {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "run" in done.stdout
+
+
+def test_every_command_of_the_contract_has_help(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for name in "run plan features check home drivers devices init runs report".split():
+        assert invoke([name, "--help"]) == 0
+        assert "Usage: mvp-cell" in capsys.readouterr().out
+
+
+def test_no_arguments_show_the_help_and_count_as_usage() -> None:
+    assert invoke([]) == 2
+
+
+def test_version_is_the_distributions(capsys: pytest.CaptureFixture[str]) -> None:
+    from importlib.metadata import version
+
+    assert invoke(["--version"]) == 0
+    assert capsys.readouterr().out.split() == ["mvp-cell", version("mvp-cell")]
+
+
+def test_debug_shows_the_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    assert invoke(["--debug", "plan", "nowhere"]) == 2
+    assert "Traceback" in capsys.readouterr().err
+
+
+def motion(*, simulated: bool) -> Motion:
+    info = DeviceInfo("arm", "arm-x", "X", "1", "1", simulated=simulated)
+    return Motion("cell", 3, {"arm": info})
+
+
+def test_real_motion_needs_a_person_or_yes() -> None:
+    assert allow_motion(motion(simulated=True), yes=False)
+    assert allow_motion(motion(simulated=False), yes=True)
+    with pytest.raises(UsageError, match="nobody can be asked"):
+        allow_motion(motion(simulated=False), yes=False)
+
+
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.full)],
+)
+def test_ctrl_c_during_a_run_exits_6_with_one_document(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    cell = tmp_path / "cell"
+    shutil.copytree(bundled_root() / "virtual", cell, copy_function=shutil.copyfile)
+    code = "from mvp.cli.main import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, "run", str(cell), "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=tmp_path,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and process.poll() is None:
+        records = list(tmp_path.glob("runs/*/records.jsonl"))
+        if records and "view_started" in records[0].read_text():
+            break
+        time.sleep(0.05)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 6, err
+    document = json.loads(out)
+    assert document["code"] == 6
+    assert "Traceback" not in err
+    (folder,) = tmp_path.glob("runs/*/run.json")
+    assert json.loads(folder.read_text())["status"] == "aborted"
+    assert document["folder"] == str(folder.parent)
+
+
+def test_check_names_every_device_that_is_away(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cell = tmp_path / "cell"
+    shutil.copytree(bundled_root() / "virtual", cell, copy_function=shutil.copyfile)
+    assert invoke(["check", str(cell), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["passed"]
+    with (cell / "cell.toml").open("a") as file:
+        file.write("\n[world.faults.arm]\nunreachable = true\n")
+        file.write("[world.faults.camera]\nunreachable = true\n")
+    assert invoke(["check", str(cell), "--json"]) == 4
+    document = json.loads(capsys.readouterr().out)
+    failed = [item["name"] for item in document["items"] if not item["passed"]]
+    assert failed == ["arm", "camera"]
+
+
+def test_home_moves_lens_and_arm(capsys: pytest.CaptureFixture[str]) -> None:
+    assert invoke(["home", "virtual", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "mvp-cell/home/1"
+    assert len(document["joints"]) == 6
