@@ -2,7 +2,8 @@
 
 from mvp.constraints.sigma import Uncertainty
 from mvp.planning.chance import failure_probability
-from mvp.planning.explain import Conflict, Cure, Explanation, explain
+from mvp.planning.cures import Cure
+from mvp.planning.explain import Conflict, Explanation, explain
 from mvp.planning.paper_objective import (
     PAPER_1,
     PAPER_2,

@@ -74,7 +74,11 @@ class Tolerance(FileModel):
 
 
 class PlannedView(FileModel):
-    """One view: where the camera goes, how the lens is set, and how safe that is."""
+    """One view: where the camera goes, how the lens is set, and how safe that is.
+
+    ``contrast``: by feature, step over the brighter grey that the faintest of its lines
+    is predicted to show; empty when the cell says nothing about its light.
+    """
 
     id: str
     features: list[str]
@@ -96,6 +100,7 @@ class PlannedView(FileModel):
     failure_probability: float | None = None
     sensitivity: dict[str, float] = Field(default_factory=dict)
     extension_tube_mm: float | None = None
+    contrast: dict[str, float] = Field(default_factory=dict)
     notes: list[str] = Field(default_factory=list)
 
 

@@ -149,25 +149,12 @@ class PaperScene:
         """
         points = self.key_points_mm
         centre, radius = enclosing_sphere(points)
-        factor = stricter or (1.0 if name == "paper" else 4.0)
-        resolution = Resolution.of_segments(
-            self.segments_mm,
-            detail_mm=DETAIL_MM,
-            pixels=factor * REQUIRED_MM / SENSOR.diagonal_pitch_mm,
-            sensor=SENSOR,
-            names=[edge.id for edge in self.edges],
-        )
-        field = (
-            FieldOfViewRectangle(points, np.repeat(_RECTANGLE_MM, 2) / 2)
-            if name == "rect"
-            else FieldOfViewCircle(centre, radius, IMAGE_DIAMETER_MM / 2)
-        )
         return PlanningProblem(
             constraints=(
-                resolution,
+                self._resolution(stricter or (1.0 if name == "paper" else 4.0)),
                 FocusNear(points, circle_of_confusion_mm),
                 FocusFar(points, circle_of_confusion_mm),
-                field,
+                self._field_of_view(name),
                 Visibility(self.region, _FACETS),
             ),
             key_points_mm=points,
@@ -180,6 +167,24 @@ class PaperScene:
             candidates=candidates,
             user_starts=user_starts,
         )
+
+    def _resolution(self, factor: float) -> Resolution:
+        return Resolution.of_segments(
+            self.segments_mm,
+            detail_mm=DETAIL_MM,
+            pixels=factor * REQUIRED_MM / SENSOR.diagonal_pitch_mm,
+            sensor=SENSOR,
+            names=[edge.id for edge in self.edges],
+        )
+
+    def _field_of_view(
+        self, name: SceneName
+    ) -> FieldOfViewRectangle | FieldOfViewCircle:
+        points = self.key_points_mm
+        if name == "rect":
+            return FieldOfViewRectangle(points, np.repeat(_RECTANGLE_MM, 2) / 2)
+        centre, radius = enclosing_sphere(points)
+        return FieldOfViewCircle(centre, radius, IMAGE_DIAMETER_MM / 2)
 
 
 def scene_lens(name: SceneName, *, e_mm: float = 0.0) -> LensBounds:

@@ -111,6 +111,8 @@ class Caster:
         for normal, offset in zip(
             normals, (occluder_mm @ normals.T).min(axis=0), strict=True
         ):
+            if solid.is_empty():
+                break  # trimming nothing would give an invalid solid
             solid = solid.trim_by_plane(tuple(normal), float(offset))
         return solid
 

@@ -22,7 +22,7 @@ from mvp.planning import (
     relaxed,
     solve,
 )
-from mvp.planning.explain import blocking_faces
+from mvp.planning.blockers import blocking_faces
 from mvp.testing.planning_scenes import (
     PaperScene,
     paper_view,
