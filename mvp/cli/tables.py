@@ -37,7 +37,7 @@ def print_plan(plan: Plan) -> None:
             mark = " <- binding" if kind == view.binding else ""
             table.add_row(name + mark, _value(margin), _sigmas(margin), margin.row)
         lines.print(table)
-        for text in (_tolerance(view), *view.notes):
+        for text in (_tolerance(view), *_contrast(view), *view.notes):
             lines.print(f"  {text}", markup=False)
     for missing in plan.not_covered:
         lines.print(f"not covered: {missing.feature}", style="bold red", markup=False)
@@ -92,6 +92,17 @@ def _tolerance(view: PlannedView) -> str:
 
         text += f"; chance of failing {chance_text(view.failure_probability)}"
     return text
+
+
+def _contrast(view: PlannedView) -> list[str]:
+    """Predicted contrast by feature, the faintest first."""
+    if not view.contrast:
+        return []
+    shown = sorted(view.contrast.items(), key=lambda item: item[1])
+    texts = [f"{name} {value:.0%}" for name, value in shown[:_MOST_LENGTHS]]
+    more = len(shown) - _MOST_LENGTHS
+    texts += [f"and {more} more"] if more > 0 else []
+    return [f"contrast at least: {', '.join(texts)}"]
 
 
 def _value(margin: Margin) -> str:

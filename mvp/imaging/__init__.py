@@ -9,6 +9,8 @@ from mvp.imaging.expectation import (
 from mvp.imaging.light import Illumination, Lamp
 from mvp.imaging.measure_exposure import meter_exposure
 from mvp.imaging.predict import expect_view
+from mvp.imaging.predict_contrast import BothSides, both_sides
+from mvp.imaging.predict_rims import outward_normals
 from mvp.imaging.render import RenderedImage, RenderQuality, render
 from mvp.imaging.render_body import PlanarTexture, RenderBody, textured_plane
 from mvp.imaging.render_moving import LensState, render_moving
@@ -18,6 +20,7 @@ from mvp.imaging.verify import verify_view
 from mvp.imaging.verify_data import EdgeReport, HoleReport, ViewVerification
 
 __all__ = [
+    "BothSides",
     "EdgeReport",
     "ExpectedEdge",
     "HoleReport",
@@ -34,10 +37,12 @@ __all__ = [
     "ViewExpectation",
     "ViewTolerance",
     "ViewVerification",
+    "both_sides",
     "expect_view",
     "expose",
     "exposure_for",
     "meter_exposure",
+    "outward_normals",
     "render",
     "render_moving",
     "textured_plane",

@@ -194,7 +194,8 @@ class _Builder:
         lines = tuple(np.asarray(line) for line in feature.outline_mm)
         parts = outline_parts(lines, stage.pose, stage.plane)
         for number, side in enumerate(parts.sides, 1):
-            name = feature.id if len(lines[0]) == 2 else f"{feature.id}:{number}"
+            alone = feature.kind == "edge" and len(parts.sides) == 1
+            name = feature.id if alone else f"{feature.id}:{number}"
             self.edges.append(self._feature_edge(feature.id, name, side))
         if parts.left_px > 0:
             self.notes.append(

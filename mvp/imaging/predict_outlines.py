@@ -2,7 +2,8 @@
 
 A tessellated circle is measured as a rim. Straight sides are measured as edges; where
 one runs smoothly into a curve its end is marked by nothing, so only its place across is
-asked. Short chords of other curves are not measured, and the caller is told how much.
+asked. Short chords of other curves are not measured, and the caller is told how much;
+of a feature that has nothing else the longest chord is.
 """
 
 from __future__ import annotations
@@ -83,7 +84,20 @@ def outline_parts(
         kept, unmeasured = _sides(polyline, camera_from_part, plane)
         sides += kept
         left += unmeasured
+    if not rims and not sides:
+        side, length_px = _longest(polylines_mm, camera_from_part, plane)
+        sides, left = [side], left - length_px
     return OutlineParts(tuple(rims), tuple(sides), left, total)
+
+
+def _longest(
+    polylines_mm: tuple[FloatArray, ...], camera_from_part: Pose, plane: ImagePlane
+) -> tuple[Side, float]:
+    pieces = [piece for line in polylines_mm for piece in straight_segments(line)]
+    camera = camera_from_part.apply(np.array(pieces))
+    length = _lengths_px(camera[:, 0], camera[:, 1], plane)
+    best = int(length.argmax())
+    return Side(*pieces[best]), float(length[best])
 
 
 def is_circle(points_camera: FloatArray, plane: ImagePlane) -> bool:

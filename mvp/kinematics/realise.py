@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -12,7 +12,11 @@ from mvp.kinematics.camera_pose import camera_rotation, roll_of
 from mvp.kinematics.clearance import CellBodies, Nearest, blocked_sight
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mvp.geometry import BoolArray, FloatArray, IntArray, Pose
+
+    Rank: TypeAlias = Callable[[FloatArray], FloatArray]
 
 ROLLS = 24
 _COMFORT_RAD = np.radians(20.0)
@@ -121,11 +125,13 @@ def realisations(
     *,
     free_roll: bool = True,
     rolls: int = ROLLS,
+    rank: Rank | None = None,
 ) -> tuple[Realisation, ...] | Unreachable:
     """Every acceptable way to take a view, best first.
 
-    Best is the largest min(reach, clearance) in comfortable units; above comfort all
-    are equal and the one nearest to the reference configuration comes first.
+    Best is the largest rank, then the largest min(reach, clearance) in comfortable
+    units; above comfort all are equal and the one nearest to the reference
+    configuration comes first.
 
     Args:
         placement: the cell.
@@ -133,16 +139,20 @@ def realisations(
         free_roll: any roll will do: ``rolls`` of them are tried, among them the two of
             the paper's (24).
         rolls: number of rolls tried.
+        rank: from part_from_camera rotations (M, 3, 3) to values (M,); what counts
+            before the arm's own comfort.
     """
     asked = _asked_rotations(part_from_camera, rolls if free_roll else 0)
-    joints, exists = _branches(placement, part_from_camera, asked)
+    joints, exists, given = _branches(placement, part_from_camera, asked)
     reasons: Counter[str] = Counter()
     if not exists.any():
         return Unreachable((_out_of_reach(placement, asked, joints),))
     found = joints[exists]
+    ranks = _ranks(placement, given, rank)[np.nonzero(exists)[0]]
     slack = _reach_slack(placement, found, reasons)
-    order = _preferred(placement, found, slack)
+    order = _preferred(placement, found, slack, ranks)
     accepted: list[Realisation] = []
+    worth: list[float] = []
     for start in range(0, len(order), _AT_ONCE):
         part = order[start : start + _AT_ONCE]
         clear = placement.bodies.pairs(found[part])
@@ -151,18 +161,21 @@ def realisations(
             one = _judged(placement, found[k], float(slack[k]), near, reasons)
             if one is not None:
                 accepted.append(one)
+                worth.append(float(ranks[k]))
         if accepted:
-            return _best_first(placement, accepted)
+            return _best_first(placement, accepted, worth)
     return Unreachable(tuple(reason for reason, _ in reasons.most_common()))
 
 
 def _best_first(
-    placement: Placement, accepted: list[Realisation]
+    placement: Placement, accepted: list[Realisation], worth: list[float]
 ) -> tuple[Realisation, ...]:
-    """By score, then by the time that the slowest axis needs from the reference."""
+    """By rank, score, then the time that the slowest axis needs from the reference."""
     speed = placement.bodies.model.joint_speed
     away = [float(np.abs((a.joints - placement.near) / speed).max()) for a in accepted]
-    best = np.lexsort((away, [-round(a.score, 3) for a in accepted]))
+    best = np.lexsort(
+        (away, [-round(a.score, 3) for a in accepted], [-value for value in worth])
+    )
     return tuple(accepted[k] for k in best)
 
 
@@ -178,10 +191,20 @@ def _asked_rotations(part_from_camera: Pose, rolls: int) -> FloatArray:
     return camera_rotation(part_from_camera.rotation[:, 2], turn)
 
 
+def _ranks(placement: Placement, given: FloatArray, rank: Rank | None) -> FloatArray:
+    """The rank (M,) of every roll, all equal without a ranking."""
+    if rank is None:
+        return np.zeros(len(given))
+    return rank(placement.base_from_part.rotation.T @ given)
+
+
 def _branches(
     placement: Placement, part_from_camera: Pose, asked: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """Joints (M, B, dof) of every attainable roll, and which of them exist (M, B)."""
+) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """Joints (M, B, dof) of every attainable roll, which of them exist (M, B).
+
+    And the camera's rotation (M, 3, 3) in the base frame at those rolls.
+    """
     model, hand = placement.bodies.model, placement.tool_from_camera
     cameras = placement.base_from_part.rotation @ asked
     given = model.camera_rotations(cameras[:1, :, 2], cameras[None], hand.rotation)[0]
@@ -191,7 +214,8 @@ def _branches(
     pupil = placement.base_from_part.apply(part_from_camera.translation_mm)
     tools = given @ hand.rotation.T
     flange = pupil - tools @ hand.translation_mm
-    return model.inverse_batch(tools, flange, near=placement.near)
+    joints, exists = model.inverse_batch(tools, flange, near=placement.near)
+    return joints, exists, given
 
 
 def _out_of_reach(placement: Placement, asked: FloatArray, joints: FloatArray) -> str:
@@ -229,11 +253,13 @@ def _reach_slack(
     return np.asarray(beyond.min(axis=1))
 
 
-def _preferred(placement: Placement, found: FloatArray, slack: FloatArray) -> IntArray:
-    """The acceptable configurations, by slack and nearness."""
+def _preferred(
+    placement: Placement, found: FloatArray, slack: FloatArray, ranks: FloatArray
+) -> IntArray:
+    """The acceptable configurations, by rank, slack and nearness."""
     model = placement.bodies.model
     away = np.abs((found - placement.near) / model.joint_speed).max(axis=1)
-    order = np.lexsort((away, -np.minimum(np.round(slack, 1), 1.0)))
+    order = np.lexsort((away, -np.minimum(np.round(slack, 1), 1.0), -ranks))
     return np.asarray(order[slack[order] >= 0], dtype=np.int64)
 
 
