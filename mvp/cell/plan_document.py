@@ -68,6 +68,7 @@ class ViewWriter:
             sensitivity=sensitivity(problem, view),
             extension_tube_mm=realised.tube_mm or None,
             notes=self._notes(realised, written),
+            contrast=realised.contrast.by_feature if realised.contrast else {},
         )
 
     def _arm_margins(self, realised: RealisedView) -> dict[str, Margin]:
@@ -92,7 +93,7 @@ class ViewWriter:
         }
 
     def _notes(self, realised: RealisedView, written: dict[str, Margin]) -> list[str]:
-        notes = list(realised.solution.notes)
+        notes = list(dict.fromkeys((*realised.solution.notes, *realised.repairs)))
         optics = self.factory.cell.config.optics
         advice = tube_needed(
             self.factory.table.with_tube(0.0),
@@ -114,6 +115,8 @@ class ViewWriter:
             )
         if realised.path.via:
             notes.append(f"the arm goes round by way of {realised.path.via}")
+        if realised.contrast is not None:
+            notes += realised.contrast.notes
         region_exact = all(self.factory.region(f).exact for f in realised.features)
         if not region_exact:
             notes.append(

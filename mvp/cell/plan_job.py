@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from mvp.cell.arm_setup import ArmSetup
+from mvp.cell.contrast import ContrastForecast
 from mvp.cell.plan_document import ViewWriter, not_covered
 from mvp.cell.plan_problem import ProblemFactory
 from mvp.cell.plan_views import Found, ViewFinder
@@ -49,10 +50,7 @@ def prepare(cell: LoadedCell, task: LoadedTask) -> Setting:
     """
     cell = cell.holding(task)
     scene = build_scene(cell, task)
-    free_roll = (
-        task.config.planning.field_of_view == "circle"
-        and task.config.planning.roll_deg is None
-    )
+    free_roll = task.config.planning.field_of_view == "circle"
     arm = ArmSetup(cell, scene, free_roll)
     return Setting(
         cell, task, scene, arm, ProblemFactory(cell, task, scene, arm.reachable)
@@ -104,7 +102,8 @@ def make_plan(
         say(f"visibility of {feature.id}")
         setting.factory.region(feature)
     watch.lap("visibility")
-    finder = ViewFinder(setting.factory, setting.arm, seed, say)
+    forecast = ContrastForecast.of_cell(setting.factory)
+    finder = ViewFinder(setting.factory, setting.arm, seed, say, forecast)
     found = finder.find(features, task.config.planning.max_views)
     found = finder.explained(found)
     writer = ViewWriter(setting.factory)

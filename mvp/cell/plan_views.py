@@ -11,22 +11,26 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import TYPE_CHECKING, TypeAlias
 
+from mvp.cell.objectives import repairs, searched
 from mvp.cell.realise_view import RealisedView, realise
-from mvp.planning import Attempt, attempt
 from mvp.planning.explain import explain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mvp.cell.arm_setup import ArmSetup
+    from mvp.cell.contrast import ContrastForecast
     from mvp.cell.plan_problem import ProblemFactory
-    from mvp.planning import PlanningProblem, Solution
+    from mvp.planning import Attempt, PlanningProblem, Solution
     from mvp.scene import Feature
     from mvp.visibility import Region
 
 Tell: TypeAlias = Callable[[str], None]
 
 _SOLUTIONS_TRIED = 12
+# Solutions compared by contrast while none shows enough, and how much worse one may be.
+_COMPARED = 5
+_NEARLY_AS_GOOD = 0.8
 # A group that is only a trial in a split is searched with less effort.
 _TRIAL_STARTS = 8
 _TRIAL_CANDIDATES = 8_000
@@ -84,6 +88,7 @@ class ViewFinder:
     arm: ArmSetup
     seed: int
     tell: Tell
+    forecast: ContrastForecast | None = None
 
     def find(self, features: Sequence[Feature], max_views: int) -> Found:
         """All features in one view, or as few views as the greedy split finds."""
@@ -189,16 +194,15 @@ class ViewFinder:
     def _searched(
         self, features: Sequence[Feature], problem: PlanningProblem, tube_mm: float
     ) -> RealisedView | Failed:
-        found = attempt(problem, seed=self.seed)
+        objective = self.factory.task.config.planning.objective
+        found = searched(problem, objective, self.seed)
         admissible = [s for s in found.solutions if s.status == "admissible"]
         if not admissible:
             return _inadmissible(features, problem, found)
         outcome = self._realised(features, problem, admissible, tube_mm)
-        return (
-            outcome
-            if isinstance(outcome, RealisedView)
-            else replace(outcome, attempt=found)
-        )
+        if isinstance(outcome, RealisedView):
+            return replace(outcome, repairs=repairs(problem, found))
+        return replace(outcome, attempt=found)
 
     def _realised(
         self,
@@ -207,12 +211,32 @@ class ViewFinder:
         admissible: Sequence[Solution],
         tube_mm: float,
     ) -> RealisedView | Failed:
+        """The first solution that the arm can take, or one that shows more contrast.
+
+        Another is taken only if the first shows too little and it is nearly as good.
+        """
         reasons: list[str] = []
+        good: list[RealisedView] = []
         for solution in islice(admissible, _SOLUTIONS_TRIED):
-            view = realise(self.factory, self.arm, features, problem, solution, tube_mm)
+            if good and solution.t < _NEARLY_AS_GOOD * good[0].solution.t:
+                break
+            view = realise(
+                self.factory,
+                self.arm,
+                features,
+                problem,
+                solution,
+                tube_mm,
+                self.forecast,
+            )
             if isinstance(view, RealisedView):
-                return view
-            reasons.append(view.reason)
+                good.append(view)
+                if _shown(view) >= 1 or len(good) == _COMPARED:
+                    break
+            else:
+                reasons.append(view.reason)
+        if good:
+            return max(good, key=_shown)
         text = "; ".join(dict.fromkeys(reasons))
         return Failed(
             tuple(features),
@@ -258,6 +282,11 @@ class ViewFinder:
                 return f"face {face + 1} of {mesh.name}"
             face -= count
         return f"face {face + 1}"
+
+
+def _shown(view: RealisedView) -> float:
+    """How nearly every line of a view shows enough contrast, 1 when nothing is known."""
+    return 1.0 if view.contrast is None else view.contrast.rank
 
 
 def _may_help(failed: Failed, longer_mm: float) -> bool:

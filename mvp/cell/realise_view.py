@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mvp.cell.arm_setup import ArmSetup
+    from mvp.cell.contrast import ContrastForecast, SeenContrast, ViewContrast
     from mvp.cell.plan_problem import ProblemFactory
     from mvp.kinematics import Realisation
     from mvp.optics import LensTable, Views
@@ -39,6 +40,8 @@ class RealisedView:
         view: pose and rounded lens setting, N = 1, part frame.
         setting: what the lens gives at the rounded steps.
         path: from home, as checked at planning time.
+        repairs: what was changed about a person's starts.
+        contrast: what it will show; None when the light is not known.
     """
 
     features: tuple[Feature, ...]
@@ -50,6 +53,8 @@ class RealisedView:
     tube_mm: float
     arm: Realisation
     path: JointPath
+    contrast: SeenContrast | None = None
+    repairs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -66,18 +71,55 @@ def realise(
     problem: PlanningProblem,
     solution: Solution,
     tube_mm: float,
+    forecast: ContrastForecast | None = None,
 ) -> RealisedView | NotRealised:
     """Round the lens, choose roll and branch, check everything again, find a path.
 
-    The first configuration that passes is taken; they come best first.
+    The first configuration that passes is taken; they come best first: rolls that show
+    enough contrast before others, then what suits the arm. When none of those passes,
+    contrast does not count.
     """
     rounded = _rounded(factory.table.with_tube(tube_mm), solution.view)
     if rounded is None:
         return NotRealised("the lens motors do not reach the planned setting")
     steps, setting = rounded
-    placement = arm.placement(setting.d_mm, problem.key_points_mm)
+    asked = _Asked(tuple(features), problem, solution, steps, setting, tube_mm)
+    if forecast is None:
+        return _taken(factory, arm, asked, None, ranked=False)
+    contrast = forecast.of(features, solution.view.part_from_camera(), setting)
+    view = _taken(factory, arm, asked, contrast, ranked=True)
+    if isinstance(view, NotRealised):
+        view = _taken(factory, arm, asked, contrast, ranked=False)
+    return view
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """A solution with its rounded lens setting."""
+
+    features: tuple[Feature, ...]
+    problem: PlanningProblem
+    solution: Solution
+    steps: LensSteps
+    setting: LensSetting
+    tube_mm: float
+
+
+def _taken(
+    factory: ProblemFactory,
+    arm: ArmSetup,
+    asked: _Asked,
+    contrast: ViewContrast | None,
+    *,
+    ranked: bool,
+) -> RealisedView | NotRealised:
+    """The first of the best configurations that passes every check."""
+    problem, setting = asked.problem, asked.setting
     choices = realisations(
-        placement, solution.view.part_from_camera(), free_roll=arm.free_roll
+        arm.placement(setting.d_mm, problem.key_points_mm),
+        asked.solution.view.part_from_camera(),
+        free_roll=arm.free_roll,
+        rank=contrast.rank if contrast is not None and ranked else None,
     )
     if isinstance(choices, Unreachable):
         return NotRealised(choices.reason)
@@ -90,19 +132,20 @@ def realise(
             a_mm=setting.a_mm,
             e_mm=setting.e_mm,
         )
-        reason = _recheck(factory, features, problem, view)
+        reason = _recheck(factory, asked.features, problem, view)
         path = _path(arm, choice) if not reason else NoPath(())
         if isinstance(path, JointPath):
             return RealisedView(
-                tuple(features),
+                asked.features,
                 problem,
-                solution,
+                asked.solution,
                 view,
-                steps,
+                asked.steps,
                 setting,
-                tube_mm,
+                asked.tube_mm,
                 choice,
                 path,
+                contrast=contrast.at(choice.part_from_camera) if contrast else None,
             )
         reason = reason or path.reason
     return NotRealised(reason)

@@ -139,14 +139,16 @@ class StartConfig(FileModel):
 
 
 class PlanningConfig(FileModel):
-    """How views are chosen."""
+    """How views are chosen.
+
+    ``max-min`` keeps every requirement as many standard deviations away from failing
+    as possible; ``paper-1`` and ``paper-2`` are the weighted sums of the paper's
+    experiments, for comparison.
+    """
 
     field_of_view: Literal["circle", "rectangle"] = "circle"
-    objective: Literal[
-        "max-min", "weighted sum 1", "weighted sum 2", "weighted sum 2 without fov"
-    ] = "max-min"
+    objective: Literal["max-min", "paper-1", "paper-2"] = "max-min"
     max_views: int = Field(default=6, ge=1, le=100)
-    roll_deg: float | None = None
 
 
 class TaskConfig(FileModel):

@@ -27,7 +27,14 @@ from mvp.cell.run_document import RunDocument
 from mvp.cell.run_job import RunOptions, RunResult, Watcher, start_run
 from mvp.cell.states import RunState
 from mvp.cli.main import invoke
-from mvp.errors import DeviceError, OutputError, RecordError, StoppedByOperator
+from mvp.errors import (
+    DeviceError,
+    InfeasibleError,
+    OutputError,
+    RecordError,
+    StoppedByOperator,
+)
+from mvp.planning.plan import NotCovered
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -274,3 +281,62 @@ def test_step_waits_before_every_view(prepared: Prepared, tmp_path: Path) -> Non
     result = start_run(setting, prepared.plan, options, watcher)
     assert result.outcome.reason == "completed"
     assert waited == ["v1", "v2"]
+
+
+def test_a_partial_plan_runs_only_when_asked_for(
+    prepared: Prepared, tmp_path: Path
+) -> None:
+    missing = NotCovered(feature="belly", reason="it lies below", fix="turn the part")
+    one = prepared.plan.model_copy(
+        update={
+            "status": "partial",
+            "views": prepared.plan.views[:1],
+            "not_covered": [missing],
+        }
+    )
+    setting = setting_of(fast_cell(tmp_path / "cell"))
+    watcher = Watcher(lambda motion: True, lambda runner: None)
+    out = tmp_path / "runs"
+    with pytest.raises(InfeasibleError, match="belly") as caught:
+        start_run(setting, one, RunOptions(out), watcher)
+    assert "--partial" in caught.value.hint
+    assert not out.exists()
+    result = start_run(setting, one, RunOptions(out, partial=True), watcher)
+    assert result.document.status == "verified"
+    assert result.document.partial
+    assert result.document.not_covered == [missing]
+
+
+HARD = """
+[[features]]
+id = "too fine"
+kind = "edge"
+from_mm = [12.7, 0.0, -12.7]
+to_mm = [12.7, 0.0, 12.7]
+resolution = { detail_mm = 0.02, pixels = 4 }
+"""
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("alone", "status"), [(True, "infeasible"), (False, "partial")]
+)
+def test_what_cannot_be_planned_is_explained_with_exit_code_3(
+    alone: bool, status: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cell = fast_cell(tmp_path / "cell")
+    task = cell / "tasks" / "paper_object.toml"
+    head, _, features = task.read_text().partition("[[features]]")
+    easy = "" if alone else f"[[features]]{features.partition('[[features]]')[0]}"
+    task.write_text(f"{head}{easy}{HARD}")
+    assert invoke(["plan", str(cell), "--json"]) == 3
+    plan = json.loads(capsys.readouterr().out)
+    assert plan["status"] == status
+    (missing,) = plan["not_covered"]
+    assert missing["feature"] == "too fine"
+    assert missing["reason"]
+    assert missing["fix"]
+    assert invoke(["run", str(cell), "--out", str(tmp_path / "runs"), "--json"]) == 3
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "mvp-cell/error/1"
+    assert not (tmp_path / "runs").exists()
