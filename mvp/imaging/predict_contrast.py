@@ -134,4 +134,4 @@ def contrast_at(
 ) -> FloatArray:
     """|step| over the brighter grey (n,), between both sides of places (n, 2)."""
     sides = both_sides(places_px, normals_px, away_px, scene, part_from_camera, plane)
-    return sides.contrast(light, np.zeros(1))[0]
+    return np.asarray(sides.contrast(light, np.zeros(1))[0])

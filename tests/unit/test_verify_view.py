@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from mvp.imaging import (
     Requirement,
     SensorNoise,
     ViewExpectation,
+    ViewTolerance,
     ViewVerification,
     expose,
     meter_exposure,
@@ -23,7 +25,9 @@ from mvp.imaging import (
 from mvp.imaging.blur_sweep import best_focus_mm, planned_best_focus_mm
 from mvp.scene import PaperObject, paper_object
 from tools.picture_trials import (
+    FINE,
     HALF_DEPTH_MM,
+    PAPER,
     VIEW_NAMES,
     Setting,
     Stage,
@@ -33,6 +37,9 @@ from tools.picture_trials import (
     paper_stage,
     smeared,
 )
+
+if TYPE_CHECKING:
+    from mvp.optics import Sensor
 
 SENSOR = SensorNoise()
 
@@ -91,6 +98,37 @@ def test_without_noise_lengths_are_right_to_a_tenth_of_a_pixel(
     result = verified(stage, view, seed=None)
     for edge in result.edges:
         assert edge.measured_px == pytest.approx(edge.predicted_px, abs=0.1)
+
+
+@pytest.mark.parametrize("view", VIEW_NAMES)
+def test_with_noise_lengths_are_right_to_0_3_px_rms_and_1_px_at_worst(
+    stage: Stage, view: str
+) -> None:
+    setting, expectation, exposure_s = stage.planned(view, 0.0)
+    picture = stage.picture(setting)
+    errors = []
+    for seed in range(6):
+        image = expose(picture, exposure_s, rng=np.random.default_rng(seed))
+        for edge in verify_view(image, 255.0, expectation).edges:
+            assert edge.measured_px is not None
+            errors.append(edge.measured_px - edge.predicted_px)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.3
+    assert np.abs(errors).max() < 1.0
+
+
+@pytest.mark.parametrize("sensor", [PAPER, FINE])
+def test_errors_as_large_as_the_tolerance_are_no_alarm(sensor: Sensor) -> None:
+    wide = replace(paper_stage(sensor), tolerance=ViewTolerance(1.0, 0.3, 0.02))
+    setting, expectation, exposure_s = wide.planned("V_f1", 0.0)
+    shift = np.array([0.33, 0.78, 0.31])
+    turn = np.deg2rad([0.15, -0.15, 0.1])
+    error = Pose.from_rotvec("camera", "camera", turn, shift)
+    image = frame(wide, replace(setting, pose=setting.pose @ error), exposure_s)
+    result = verify_view(image, 255.0, expectation)
+    assert result.verdict == "pass"
+    assert result.notes
+    assert result.registration is not None
+    assert result.registration.position_mm == pytest.approx(-shift, abs=0.15)
 
 
 def test_the_document_is_plain_json(stage: Stage) -> None:
