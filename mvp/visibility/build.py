@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
-from mvp.errors import FeatureError
 from mvp.geometry import BoolArray, Box, FeaturePiece, FloatArray, IntArray
 from mvp.visibility.binding import Binding
 from mvp.visibility.clusters import ClusterRule, clustered
 from mvp.visibility.culling import OwnFaces, possible_occluders, visible_first
-from mvp.visibility.leftovers import edges_cross, reaching_into
+from mvp.visibility.leftovers import reaching_into
+from mvp.visibility.pieces import separate_pieces
 from mvp.visibility.polygons import convex_patches
-from mvp.visibility.region import Region, RegionStatistics, intersection, trimmed
+from mvp.visibility.region import Region, RegionStatistics, trimmed
+from mvp.visibility.rooms import Room
 from mvp.visibility.shadows import Caster
-from mvp.visibility.solids import mesh_arrays, seen_side, union
+from mvp.visibility.solids import box_solid, mesh_arrays, seen_side, union
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -53,50 +54,14 @@ def visibility_region(
     Raises:
         FeatureError: no piece, or a piece without vertices.
     """
-    if not pieces or any(not len(piece.vertices_mm) for piece in pieces):
-        raise FeatureError(
-            "a feature without any point cannot be seen",
-            hint="give at least one convex piece with at least one vertex",
-        )
-    snapped = [
-        FeaturePiece(occluders.snapped(piece.vertices_mm), piece.planes, piece.facing)
-        for piece in pieces
-    ]
-    regions: list[Region] = []
-    for part in (part for piece in snapped for part in _unpierced(occluders, piece)):
-        job = _Job(occluders, part, workspace, cluster_mm, clock)
-        regions = [intersection([*regions, job.region(walls)])]
-        if regions[0].empty:
+    first, *rest = separate_pieces(occluders, pieces)
+    region = _Job(occluders, first, workspace, cluster_mm, clock).region(None, walls)
+    for piece in rest:
+        if region.empty:
             break
-    return regions[0]
-
-
-def _unpierced(occluders: Occluders, piece: FeaturePiece) -> list[FeaturePiece]:
-    """The piece, or the sides of its outline where something passes through it."""
-    vertices = piece.vertices_mm
-    if len(vertices) < 3 or not _pierced(occluders, vertices):
-        return [piece]
-    ends = np.stack([vertices, np.roll(vertices, -1, axis=0)], axis=1)
-    return [FeaturePiece(chord, piece.planes, piece.facing) for chord in ends]
-
-
-def _pierced(occluders: Occluders, polygon_mm: FloatArray) -> bool:
-    """Whether a triangle passes through the inside of a convex polygon."""
-    middle = polygon_mm.mean(axis=0)
-    inner = middle + (1 - 1e-6) * (polygon_mm - middle)
-    triangles = occluders.triangles_mm
-    normal = np.cross(inner[1] - inner[0], inner[2] - inner[0])
-    height = (triangles - middle) @ (normal / np.linalg.norm(normal))
-    tolerance = occluders.side_tolerance_mm
-    near = (height.min(axis=1) < -tolerance) & (height.max(axis=1) > tolerance)
-    near &= (triangles.min(axis=1) <= inner.max(axis=0)).all(axis=1)
-    near &= (triangles.max(axis=1) >= inner.min(axis=0)).all(axis=1)
-    cutters = triangles[near]
-    for i in range(1, len(inner) - 1):
-        fan = np.broadcast_to(inner[[0, i, i + 1]], cutters.shape)
-        if edges_cross(cutters, fan).any() or edges_cross(fan, cutters).any():
-            return True
-    return False
+        job = _Job(occluders, piece, workspace, cluster_mm, clock)
+        region = job.region(region, walls)
+    return region
 
 
 @dataclass
@@ -110,20 +75,29 @@ class _Job:
     clock: Clock
     seconds: dict[str, float] = field(default_factory=dict)
 
-    def region(self, walls: bool) -> Region:
-        """Cull, sort, unite, subtract, and check what was left out."""
+    def region(self, before: Region | None, walls: bool) -> Region:
+        """What is left of the region of the pieces before.
+
+        Cull, sort, unite, subtract, and check what was left out.
+        """
         own = OwnFaces.of(self.piece)
-        kept = self._timed("cull", lambda: self._kept(own))
+        room = self._timed("cull", lambda: self._room(before))
+        kept = self._timed("cull", lambda: self._kept(own, room))
         first = self._timed("candidates", lambda: self._first(kept, own))
         merged = self._timed("merge", lambda: self._merged(kept[first]))
-        seen = seen_side(self.workspace, own)
-        shadow = self._timed("union", lambda: self._shadow(*merged))
-        solid = self._timed("subtract", lambda: _difference(seen, shadow))
-        late = self._timed("check", lambda: self._late(solid, kept[~first]))
+        open_room = seen_side(room.solid, own)
+        shadows = [self._timed("union", lambda: self._shadow(*merged))]
+        loose = self._timed("subtract", lambda: _without(open_room, shadows))
+        late = self._timed("check", lambda: self._late(loose, kept[~first]))
         if len(late):
             more = self._merged(late)
-            shadow = self._timed("repair", lambda: self._shadow(*more))
-            solid = self._timed("repair", lambda: _difference(solid, shadow))
+            shadows.append(self._timed("repair", lambda: self._shadow(*more)))
+        solid = box_solid(self.workspace) if before is None else before.solid
+        solid = seen_side(solid, own)
+        solid = self._timed("subtract", lambda: _without(solid, shadows))
+        solid = self._timed("trim", lambda: trimmed(solid, self.workspace))
+        feature = self.piece.vertices_mm
+        binding = Binding(self.occluders, feature, own, self.workspace)
         statistics = RegionStatistics(
             pieces=1,
             triangles=len(self.occluders.faces),
@@ -134,12 +108,11 @@ class _Job:
             two_sided_edges=self.occluders.bad_edges,
             seconds=self.seconds,
         )
-        solid = self._timed("trim", lambda: trimmed(solid, self.workspace))
-        feature = self.piece.vertices_mm
-        binding = Binding(self.occluders, feature, own, self.workspace)
-        return Region(
-            solid, self.workspace, walls, not merged[1], statistics, (binding,)
-        )
+        exact, bindings = not merged[1], (binding,)
+        if before is not None:
+            statistics = before.statistics.plus(statistics)
+            exact, bindings = exact and before.exact, (*before.bindings, binding)
+        return Region(solid, self.workspace, walls, exact, statistics, bindings)
 
     def _timed(self, stage: str, work: Callable[[], T]) -> T:
         start = self.clock()
@@ -147,8 +120,13 @@ class _Job:
         self.seconds[stage] = self.seconds.get(stage, 0.0) + self.clock() - start
         return result
 
-    def _kept(self, own: OwnFaces) -> IntArray:
-        return possible_occluders(self.occluders, self.piece.vertices_mm, own)
+    def _room(self, before: Region | None) -> Room:
+        return Room.of(self.workspace, before, self.piece.vertices_mm)
+
+    def _kept(self, own: OwnFaces, room: Room) -> IntArray:
+        scene = self.occluders
+        kept = possible_occluders(scene, self.piece.vertices_mm, own)
+        return np.asarray(kept[room.holds(scene.triangles_mm[kept])])
 
     def _first(self, kept: IntArray, own: OwnFaces) -> BoolArray:
         if len(kept) <= _FEW:
@@ -173,7 +151,9 @@ class _Job:
     def _shadow(self, polygons: list[FloatArray], hulls: list[FloatArray]) -> Manifold:
         """Union of the shadows of convex occluders, neighbours first."""
         feature = self.piece.vertices_mm
-        caster = Caster(feature, self.workspace, self._reach())
+        corners = self.workspace.corners()
+        box = Box.around(np.concatenate([corners, feature]))
+        caster = Caster(feature, box, self._reach())
         solids = [caster.shadow(polygon) for polygon in polygons]
         solids += [caster.shadow_of_hull(points) for points in hulls]
         middles = np.array([outline.mean(axis=0) for outline in polygons + hulls])
@@ -194,8 +174,9 @@ class _Job:
         return hidden[reaching_into(triangles, *mesh_arrays(solid))]
 
 
-def _difference(solid: Manifold, shadow: Manifold) -> Manifold:
-    """Solid without shadow, evaluated at once."""
-    rest = solid - shadow
-    rest.num_tri()
-    return rest
+def _without(solid: Manifold, shadows: list[Manifold]) -> Manifold:
+    """Solid without shadows, evaluated at once."""
+    for shadow in shadows:
+        solid = solid - shadow
+        solid.num_tri()
+    return solid

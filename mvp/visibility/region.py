@@ -116,7 +116,7 @@ class Region:
     @property
     def empty(self) -> bool:
         """Nothing sees the feature whole."""
-        return len(self.mesh.faces) == 0
+        return bool(self.solid.is_empty())
 
     @cached_property
     def volume_mm3(self) -> float:

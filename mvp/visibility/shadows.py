@@ -31,7 +31,7 @@ class Caster:
 
     Attributes:
         feature_mm: (n, 3) vertices of the convex feature.
-        box: the workspace that shadows must fill.
+        box: the workspace and the feature: what shadows must fill.
         reach_mm: longest distance from an occluder to a point of the workspace, mm.
     """
 

@@ -19,9 +19,8 @@ def box_solid(box: Box) -> Manifold:
     return Manifold.cube(tuple(box.size_mm)).translate(tuple(box.low_mm))
 
 
-def seen_side(box: Box, own: OwnFaces) -> Manifold:
-    """The part of the workspace that faces enough of the own faces."""
-    solid = box_solid(box)
+def seen_side(solid: Manifold, own: OwnFaces) -> Manifold:
+    """The part of a solid that faces enough of the own faces."""
     if not own.any_suffices:
         return _trimmed_by(solid, own.planes)
     hidden = _trimmed_by(solid, -own.planes)
