@@ -48,8 +48,8 @@ class ExpectedEdge:
         name: for reports.
         feature: id of the feature it is (part of), or "".
         role: feature, neighbour of a feature's end, or auxiliary.
-        start_px, end_px: (2,) ideal px; the piece that is predicted visible for an
-            auxiliary edge, the whole edge for a feature.
+        start_px, end_px: (2,) ideal px; the piece that is measured: what is predicted
+            visible, of a feature what has one and the same background.
         start_mm, end_mm: (3,) the same in the camera frame.
         start_neighbours, end_neighbours: numbers (in the expectation) of the edges that
             cross this one at its ends; empty where it ends without a corner.
@@ -58,7 +58,8 @@ class ExpectedEdge:
         contrast: predicted |step| over the brighter grey, nan when no light is known.
         requirement: of a feature's edge.
         detail_px: image of the required detail, pixels, at its worst place.
-        open_ends: an end runs smoothly into a curve: only the place across is asked.
+        open_ends: an end is marked by nothing: only the place across is asked.
+        whole: the whole edge of a feature that is measured on a piece of it.
     """
 
     name: str
@@ -76,6 +77,12 @@ class ExpectedEdge:
     requirement: Requirement | None = None
     detail_px: float = float("nan")
     open_ends: bool = False
+    whole: ExpectedEdge | None = None
+
+    @property
+    def asked(self) -> ExpectedEdge:
+        """The edge whose ends are asked for."""
+        return self.whole or self
 
     @property
     def length_px(self) -> float:
@@ -113,6 +120,8 @@ class ExpectedRim:
         contrast: (n,) predicted |step| over the brighter grey at the points, nan when
             no light is known.
         own: numbers of the CAD edges that make up the rim.
+        even: (n,) where the step is the same a little farther along and across; empty
+            for everywhere.
     """
 
     feature: str
@@ -127,6 +136,7 @@ class ExpectedRim:
     own: IntArray
     requirement: Requirement | None = None
     detail_px: float = float("nan")
+    even: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
 
 
 @dataclass(frozen=True, eq=False)

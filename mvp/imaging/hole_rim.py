@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from mvp.imaging.edge_samples import Picture
     from mvp.imaging.expectation import DrawnEdges, ExpectedRim
 
-_CAP = 2400
+_CAP = 2000
 _SECTORS = 8
 _BINS = 360
 _SECTOR_PX = 14.0
-_LEVEL_SECTORS = 8, 32
+_LEVEL_SECTORS = 8, 24
 _GUARD_PX = 1.5
 _STRIP_STEP_PX = 0.5
 _FEWEST_PIXELS = 80
@@ -185,8 +185,13 @@ def _clear_range(
     expected: Ellipse, others: DrawnEdges, own: IntArray, half_width_px: float
 ) -> tuple[FloatArray, FloatArray]:
     """Per bin of the rim: how far in and out no other predicted line disturbs."""
+    centre = np.array([expected.x_px, expected.y_px])
+    reach = max(expected.axes_px) / 2 + half_width_px + 10 + others.blur_px
+    box = np.abs((others.start_px + others.end_px) / 2 - centre)
+    half = np.abs(others.end_px - others.start_px) / 2
+    close = (box - half < reach[:, None]).all(axis=1)
     foreign = ~np.isin(others.edge, own)
-    places, guard = _sampled(others, np.flatnonzero(foreign))
+    places, guard = _sampled(others, np.flatnonzero(foreign & close))
     angle = expected.nearest(places)
     t = expected.distance(places, angle)
     near = np.abs(t) < half_width_px + 6 + guard
@@ -207,14 +212,13 @@ def _clear_range(
 
 def _sampled(others: DrawnEdges, which: IntArray) -> tuple[FloatArray, FloatArray]:
     """Points every half pixel along pieces, with the half width of their spread."""
-    places, guards = [np.zeros((0, 2))], [np.zeros(0)]
-    for k in which:
-        along = others.end_px[k] - others.start_px[k]
-        count = int(np.linalg.norm(along) * 2) + 2
-        share = np.linspace(0, 1, count)[:, None]
-        places.append(others.start_px[k] + share * along)
-        guards.append(np.full(count, _GUARD_PX + others.blur_px[k] / 2))
-    return np.concatenate(places), np.concatenate(guards)
+    start, end = others.start_px[which], others.end_px[which]
+    count = (np.linalg.norm(end - start, axis=1) * 2).astype(np.int64) + 2
+    piece = np.repeat(np.arange(len(which)), count)
+    first = np.cumsum(count) - count
+    share = (np.arange(len(piece)) - first[piece]) / (count[piece] - 1)
+    places = start[piece] + share[:, None] * (end - start)[piece]
+    return places, (_GUARD_PX + others.blur_px[which] / 2)[piece]
 
 
 def _sector_basis(angle: FloatArray, ellipse: Ellipse) -> FloatArray:
@@ -237,7 +241,7 @@ def _fit(
     chosen = np.flatnonzero(band.clear if keep is None else band.clear & keep)
     if len(chosen) < _FEWEST_PIXELS:
         return None
-    chosen = chosen[:: max(1, len(chosen) // _CAP)]
+    chosen = chosen[:: -(-len(chosen) // _CAP)]
     angle = band.angle[chosen]
     samples = StepSamples(
         band.t_px[chosen],
@@ -308,13 +312,13 @@ def _blocks(
 def _expected_blocks(rim: ExpectedRim, count: int) -> BoolArray:
     """Blocks in which the plan sees the rim with an even contrast.
 
-    Where the contrast jumps another edge runs into the rim.
+    Where the step jumps another edge runs into the rim; where it changes sign there is
+    none.
     """
     plan = fitted_ellipse(rim.points_px)
     angle = plan.nearest(rim.points_px)
-    around = np.stack([np.roll(rim.contrast, k) for k in (-2, -1, 0, 1, 2)])
-    jumps = around.max(axis=0) > 2 * around.min(axis=0)
-    seen = rim.visible & ~(rim.contrast < FAINT) & ~jumps
+    seen = rim.visible & ~(rim.contrast < FAINT)
+    seen &= rim.even if len(rim.even) else True
     middle = (np.arange(count) + 0.5) / count * 2 * np.pi
     away = np.abs(np.angle(np.exp(1j * (middle[:, None] - angle[None]))))
     return np.asarray(seen[away.argmin(axis=1)])

@@ -16,7 +16,7 @@ from mvp.imaging.register_search import CoarseMatch, coarse_match
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, IntArray
     from mvp.imaging.edge_samples import Picture
-    from mvp.imaging.expectation import DrawnEdges, ViewExpectation
+    from mvp.imaging.expectation import DrawnEdges, ExpectedEdge, ViewExpectation
 
 _SEARCH_PX = 6.0
 _AGAIN_PX = 2.5
@@ -64,8 +64,12 @@ class MeasuredView:
     pose: PoseOffset | None = None
 
     def line(self, expectation: ViewExpectation, index: int) -> Line:
-        """Where an expected edge should be now."""
-        edge, plane = expectation.edges[index], expectation.plane
+        """Where the measured piece of an expected edge should be now."""
+        return self.line_of(expectation, expectation.edges[index])
+
+    def line_of(self, expectation: ViewExpectation, edge: ExpectedEdge) -> Line:
+        """Where a predicted edge should be now."""
+        plane = expectation.plane
         if self.pose is None:
             return self.alignment.line(edge.start_px, edge.end_px)
         return Line(

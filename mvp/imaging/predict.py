@@ -36,7 +36,7 @@ from mvp.imaging.predict_lines import (
     sight,
     silhouettes,
 )
-from mvp.imaging.predict_outlines import Side, outline_parts
+from mvp.imaging.predict_outlines import Side, even_pieces, outline_parts
 from mvp.imaging.predict_rims import expected_rim
 from mvp.imaging.render_body import RenderBody
 from mvp.imaging.render_scene import RenderScene
@@ -177,8 +177,9 @@ class _Builder:
             elif feature.kind == "hole":
                 rims.append(self._rim(feature.id, np.asarray(feature.outline_mm[0])))
         for index, edge in enumerate(self.edges[:]):
-            start = self._neighbours(self._part_point(edge.start_mm), edge.direction)
-            end = self._neighbours(self._part_point(edge.end_mm), edge.direction)
+            ends = self._part_point(edge.asked.start_mm), edge.asked.end_mm
+            start = self._neighbours(ends[0], edge.direction)
+            end = self._neighbours(self._part_point(ends[1]), edge.direction)
             self.edges[index] = replace(
                 edge, start_neighbours=start, end_neighbours=end
             )
@@ -196,13 +197,31 @@ class _Builder:
         for number, side in enumerate(parts.sides, 1):
             alone = feature.kind == "edge" and len(parts.sides) == 1
             name = feature.id if alone else f"{feature.id}:{number}"
-            self.edges.append(self._feature_edge(feature.id, name, side))
+            self._add_pieces(self._feature_edge(feature.id, name, side))
         if parts.left_px > 0:
             self.notes.append(
                 f"{feature.id}: {parts.left_px:.0f} of {parts.total_px:.0f} px of its "
                 "outline are curved or too short and are not measured"
             )
         return [self._rim(feature.id, rim) for rim in parts.rims]
+
+    def _add_pieces(self, edge: ExpectedEdge) -> None:
+        """The longest piece with one background, then the others for their place."""
+        stage = self.stage
+        away = _CLEAR_OF_EDGE_PX + edge.blur_px / 2
+        found = even_pieces(edge, away, stage.scene, stage.pose, stage.plane)
+        for number, (low, high) in enumerate(found):
+            piece = cropped(edge, low, high, stage.plane)
+            if piece is not edge:
+                name = edge.name if number == 0 else f"{edge.name}, piece {number + 1}"
+                piece = replace(
+                    piece,
+                    name=name,
+                    whole=edge if number == 0 else None,
+                    open_ends=edge.open_ends or number > 0,
+                    contrast=self._contrast(piece),
+                )
+            self.edges.append(piece)
 
     def _feature_edge(self, feature: str, name: str, side: Side) -> ExpectedEdge:
         stage, a_mm, b_mm = self.stage, side.start_mm, side.end_mm

@@ -101,10 +101,14 @@ class BothSides:
     before: LitPlaces
     behind: LitPlaces
 
-    def contrast(self, light: LightModel, turns_rad: FloatArray) -> FloatArray:
-        """|step| over the brighter grey, (R, n), for a camera turned about its axis."""
+    def steps(self, light: LightModel, turns_rad: FloatArray) -> FloatArray:
+        """Step over the brighter grey, (R, n), for a camera turned about its axis."""
         a, b = (p.greys(light, turns_rad) for p in (self.before, self.behind))
-        return np.asarray(np.abs(b - a) / np.maximum(np.maximum(a, b), 1e-6))
+        return np.asarray((b - a) / np.maximum(np.maximum(a, b), 1e-6))
+
+    def contrast(self, light: LightModel, turns_rad: FloatArray) -> FloatArray:
+        """|step| over the brighter grey, (R, n)."""
+        return np.abs(self.steps(light, turns_rad))
 
 
 def both_sides(

@@ -77,8 +77,11 @@ def cropped(
         part = share * depth[0] / (share * depth[0] + (1 - share) * depth[1])
         ends.append(edge.start_mm * (1 - part) + edge.end_mm * part)
     middle = (ends[0] + ends[1]) / 2
+    last = len(edge.visible) - 1
+    seen = slice(int(low * last), int(np.ceil(high * last)) + 1)
     return replace(
         edge,
+        visible=edge.visible[seen],
         start_px=plane.project(ends[0]),
         end_px=plane.project(ends[1]),
         start_mm=ends[0],

@@ -13,12 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.imaging.predict_contrast import LitPlaces, both_sides
 from mvp.imaging.predict_geometry import straight_segments
 from mvp.imaging.predict_rims import fitted_circle
 
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, Pose
+    from mvp.imaging.expectation import ExpectedEdge
     from mvp.imaging.measure_plane import ImagePlane
+    from mvp.imaging.render_scene import RenderScene
 
 _FEWEST_ON_CIRCLE = 8
 _OFF_CIRCLE = 2e-3
@@ -30,6 +33,10 @@ _SHORTEST_PX = 8.0
 _SHORTEST_CHORD_PX = 25.0
 _SMOOTH_RAD = np.deg2rad(30.0)
 _CROSSING_RAD = np.deg2rad(15.0)
+_PLACES = 65
+_SAME_FACE = np.cos(np.deg2rad(20.0))
+_SAME_DEPTH = 0.1
+_SHORTEST_PIECE_PX = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,3 +168,45 @@ def _lengths_px(
 ) -> FloatArray:
     step = plane.project(end_camera) - plane.project(start_camera)
     return np.asarray(np.linalg.norm(step, axis=1))
+
+
+def even_pieces(
+    edge: ExpectedEdge,
+    away_px: float,
+    scene: RenderScene,
+    part_from_camera: Pose,
+    plane: ImagePlane,
+) -> list[tuple[float, float]]:
+    """Shares of an edge with one and the same background, the longest first.
+
+    Where the background of a contour changes its step does too, even in sign. Pieces
+    that are too short are left out, but never the longest.
+    """
+    share = np.linspace(0, 1, _PLACES)
+    places = edge.start_px + share[:, None] * (edge.end_px - edge.start_px)
+    normals = np.broadcast_to(edge.normal, places.shape)
+    sides = both_sides(places, normals, away_px, scene, part_from_camera, plane)
+    change = _changes(sides.before) | _changes(sides.behind)
+    # Near a corner another face shows beside it; that is no change of background.
+    margin = min(2 * away_px / max(edge.length_px, 1e-9), 0.25)
+    middle = (share[1:] + share[:-1]) / 2
+    cuts = share[:-1][change & (middle > margin) & (middle < 1 - margin)]
+    step = share[1]
+    starts = np.concatenate([[0.0], cuts + step])
+    ends = np.concatenate([cuts, [1.0]])
+    order = np.argsort(starts - ends)
+    pieces = [(float(starts[k]), float(ends[k])) for k in order]
+    long = [p for p in pieces if (p[1] - p[0]) * edge.length_px >= _SHORTEST_PIECE_PX]
+    return long or pieces[:1]
+
+
+def _changes(side: LitPlaces) -> BoolArray:
+    """Where (n - 1,) the next place shows something else than this one."""
+    a, b = slice(None, -1), slice(1, None)
+    solid = side.solid
+    turned = np.einsum("ij,ij->i", side.normals[a], side.normals[b]) < _SAME_FACE
+    depth = side.points[:, 2]
+    farther = np.abs(depth[b] - depth[a]) > _SAME_DEPTH * np.maximum(depth[a], depth[b])
+    return np.asarray(
+        (solid[a] != solid[b]) | (solid[a] & solid[b] & (turned | farther))
+    )

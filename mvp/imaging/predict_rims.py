@@ -7,17 +7,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.imaging.expectation import ExpectedRim, Requirement
-from mvp.imaging.predict_contrast import LightModel, contrast_at
+from mvp.imaging.predict_contrast import LightModel, both_sides
 from mvp.imaging.predict_lines import Lines, hidden
 
 if TYPE_CHECKING:
-    from mvp.geometry import FloatArray, IntArray, Pose
+    from mvp.geometry import BoolArray, FloatArray, IntArray, Pose
     from mvp.imaging.measure_plane import ImagePlane
     from mvp.imaging.render_scene import RenderScene
 
 RIM_POINTS = 96
 _LIFT_MM = 0.02
 _ON_RIM_MM = 0.05
+# A sliver of wall narrower than this has no level of its own.
+_WIDER_PX = 2.5
+_SAME_STEP = 0.5
 
 
 def expected_rim(
@@ -37,12 +40,17 @@ def expected_rim(
     lifted = points + _LIFT_MM * axis
     visible = ~hidden(lifted, scene, part_from_camera) & plane.inside(places)
     blur = float(np.sqrt(np.mean(plane.blur_px(points[:, 2]) ** 2)))
-    contrast = np.full(len(places), np.nan)
+    steps = np.full(len(places), np.nan)
+    even = np.ones(len(places), dtype=np.bool_)
     if light is not None:
-        normals = outward_normals(places)
-        contrast = contrast_at(
-            places, normals, 1.5 + blur / 2, light, scene, part_from_camera, plane
+        normals, away = outward_normals(places), 1.5 + blur / 2
+        steps, wider = (
+            both_sides(places, normals, t, scene, part_from_camera, plane).steps(
+                light, np.zeros(1)
+            )[0]
+            for t in (away, away + _WIDER_PX)
         )
+        even = ~_jumps(steps) & (np.abs(wider - steps) < _SAME_STEP * np.abs(steps))
     detail = float("nan")
     if requirement is not None:
         detail = _detail_px(centre, axis, radius, requirement, plane)
@@ -55,11 +63,20 @@ def expected_rim(
         ellipse_axes(places),
         blur,
         visible,
-        contrast,
+        np.abs(steps),
         _own_lines(lines, part_from_camera.inverse(), centre, axis, radius),
         requirement,
         detail,
+        even,
     )
+
+
+def _jumps(steps: FloatArray) -> BoolArray:
+    """Where (n,) the step changes sign or doubles: another edge runs in, or a wall turns."""
+    around = np.stack([np.roll(steps, k) for k in (-2, -1, 0, 1, 2)])
+    size = np.abs(around)
+    sign = (around.min(axis=0) < 0) & (around.max(axis=0) > 0)
+    return np.asarray(sign | (size.max(axis=0) > 2 * size.min(axis=0)))
 
 
 def _own_lines(

@@ -50,7 +50,8 @@ def edge_report(
 ) -> EdgeReport:
     """Everything about one feature edge."""
     edge, found = expectation.edges[index], view.found[index]
-    line = view.line(expectation, index)
+    whole = edge.asked
+    line = view.line_of(expectation, whole)
     ends = [
         _end(picture, view, index, line.start_px, edge.start_neighbours, expectation),
         _end(picture, view, index, line.end_px, edge.end_neighbours, expectation),
@@ -59,13 +60,13 @@ def edge_report(
     offset = _offset_at_middle(edge, found) if found.found else None
     raw = [
         tuple(map(float, expectation.plane.raw(p)))
-        for p in (edge.start_px, edge.end_px)
+        for p in (whole.start_px, whole.end_px)
     ]
     middle = (edge.start_px + edge.end_px) / 2
     return EdgeReport(
         feature=edge.feature,
         name=edge.name,
-        predicted_px=edge.length_px,
+        predicted_px=whole.length_px,
         measured_px=length,
         measured_sd_px=sd,
         start_px=_raw_place(expectation, ends[0]),
@@ -83,7 +84,7 @@ def edge_report(
         step=found.step if found.found else None,
         snr=found.snr,
         predicted_contrast=None if np.isnan(edge.contrast) else edge.contrast,
-        detail_px=_detail(edge.detail_px, length, edge.length_px),
+        detail_px=_detail(edge.detail_px, length, whole.length_px),
         required_px=edge.requirement.pixels if edge.requirement else None,
         blur=blur_of(found, edge.blur_px, expectation.c_px),
         notes=_notes(edge, found, ends),
@@ -160,10 +161,13 @@ def _notes(
     if not found.found:
         notes.append(f"not found: {found.reason}")
     for word, end in zip(("start", "end"), ends, strict=True):
-        if not end.measured:
+        if not end.measured and not edge.open_ends:
             notes.append(f"{word} not measured: {end.reason}")
     if found.saturated > SATURATED:
         notes.append(f"{found.saturated:.0%} of its pixels are saturated: no blur")
+    if edge.whole is not None:
+        share = edge.length_px / edge.asked.length_px
+        notes.append(f"what lies behind it changes; measured on {share:.0%} of it")
     if not edge.visible.all():
         notes.append(f"the plan itself shows only {edge.visible.mean():.0%} of it")
     return tuple(notes)
