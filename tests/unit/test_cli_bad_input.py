@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from mvp.cell.loading import load_cell
 from mvp.cell.places import bundled_root
 from mvp.cli.main import invoke
+from mvp.errors import CalibrationError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -340,13 +342,9 @@ def test_there_are_at_least_forty_bad_inputs() -> None:
     assert len(CASES) >= 40
 
 
-def test_a_poor_calibration_can_be_accepted_with_a_reason(
-    cell: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_poor_calibration_can_be_accepted_with_a_reason(cell: Path) -> None:
     verdict("camera", "marginal")(cell)
-    code = invoke(["run", str(cell), "--dry-run", "--json"])
-    assert code == 2
-    code = invoke(["plan", str(cell), "--json", "--accept-calibration", "first light"])
-    assert code == 0
-    notes = json.loads(capsys.readouterr().out.split("\n}\n", 1)[1])["notes"]
-    assert any("first light" in note for note in notes)
+    with pytest.raises(CalibrationError):
+        load_cell(str(cell))
+    loaded = load_cell(str(cell), accept_calibration="first light")
+    assert loaded.calibrations.accepted == {"camera": "first light"}
