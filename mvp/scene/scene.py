@@ -46,3 +46,20 @@ class Scene:
             if feature.id == id:
                 return feature
         raise KeyError(id)
+
+    def face_name(self, face_id: int) -> str:
+        """How messages call a face of ``occluders``: "face 3 of fixture clamp".
+
+        Faces are counted from 1 within their body.
+
+        Raises:
+            KeyError: the scene has no such face.
+        """
+        number = face_id
+        for mesh in (self.part, *self.fixtures):
+            count = int(mesh.face_ids.max(initial=-1)) + 1
+            if 0 <= number < count:
+                kind = "part" if mesh is self.part else f"fixture {mesh.name}"
+                return f"face {number + 1} of {kind}"
+            number -= count
+        raise KeyError(face_id)

@@ -1,5 +1,11 @@
 """Where a feature is seen whole: regions, distances to their boundary, oracles."""
 
+from mvp.visibility.blocking import (
+    NOTHING,
+    OWN_FACES,
+    blocking_faces,
+    limiting_faces,
+)
 from mvp.visibility.build import visibility_region
 from mvp.visibility.facets import FacetDistances
 from mvp.visibility.measures import paper_distance, ray_distance
@@ -9,12 +15,16 @@ from mvp.visibility.rays import line_of_sight
 from mvp.visibility.region import Region, RegionStatistics, intersection
 
 __all__ = [
+    "NOTHING",
+    "OWN_FACES",
     "FacetDistances",
     "Occluders",
     "Region",
     "RegionStatistics",
+    "blocking_faces",
     "exactly_visible",
     "intersection",
+    "limiting_faces",
     "line_of_sight",
     "paper_distance",
     "prepare",

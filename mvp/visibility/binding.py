@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from scipy.stats import qmc
 
+from mvp.geometry import FeaturePiece
 from mvp.visibility.culling import OwnFaces, feature_samples
 
 if TYPE_CHECKING:
-    from mvp.geometry import Box, FloatArray
+    from collections.abc import Sequence
+
+    from mvp.geometry import Box, Facing, FloatArray
     from mvp.visibility.occluders import Occluders
 
 _VIEWPOINTS_LOG2 = 9
 _NAMED = 3
+_ASKED = 16
+
+FaceName: TypeAlias = Callable[[int], str]
+"""How to call a face id of the scene."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +78,28 @@ class Binding:
         return {int(ids[i]): float(counts[i]) / total for i in order}
 
     @property
-    def words(self) -> str:
-        """One sentence for a report."""
-        parts = []
-        if self.own_faces_share > 0:
-            parts.append(f"its own faces hide {self.own_faces_share:.0%}")
-        for face, share in list(self.face_shares.items())[:_NAMED]:
-            parts.append(f"face {face} hides {share:.0%}")
-        return ", ".join(parts) or "nothing is in the way"
+    def piece(self) -> FeaturePiece:
+        """The feature piece with its own faces."""
+        facing: Facing = "any" if self.own.any_suffices else "all"
+        return FeaturePiece(self.feature_mm, self.own.planes, facing)
+
+
+def in_the_way(bindings: Sequence[Binding], name_face: FaceName) -> str:
+    """What takes most view points from some feature pieces, in words for a report.
+
+    Args:
+        bindings: of the pieces; of very many, evenly chosen ones answer for all.
+        name_face: how to call a face id of the scene.
+    """
+    chosen = bindings[:: len(bindings) // _ASKED + 1]
+    own = max((binding.own_faces_share for binding in chosen), default=0.0)
+    shares: dict[int, float] = {}
+    for binding in chosen:
+        for face, share in binding.face_shares.items():
+            shares[face] = max(share, shares.get(face, 0.0))
+    worst = sorted(shares, key=lambda face: -shares[face])[:_NAMED]
+    names = ", ".join(f"{name_face(face)} ({shares[face]:.0%})" for face in worst)
+    parts = [f"blocked by {names}"] if names else []
+    if own > 0:
+        parts.append(f"its own faces hide {own:.0%}")
+    return ", ".join(parts) or "nothing is in the way"

@@ -85,18 +85,35 @@ def _around(occluders: Occluders, feature_mm: FloatArray) -> BoolArray:
     return np.asarray(inside[occluders.bodies])
 
 
-def solid_angles(triangles_mm: FloatArray, point_mm: FloatArray) -> FloatArray:
-    """Signed solid angle (m,) of triangles (m, 3, 3) seen from a point, sr."""
-    a, b, c = np.moveaxis(triangles_mm - point_mm, 1, 0)
-    la, lb, lc = (np.sqrt(np.einsum("ij,ij->i", v, v)) for v in (a, b, c))
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    rest = (
-        la * lb * lc
-        + np.einsum("ij,ij->i", a, b) * lc
-        + np.einsum("ij,ij->i", b, c) * la
-        + np.einsum("ij,ij->i", c, a) * lb
+def solid_angles(triangles_mm: FloatArray, points_mm: FloatArray) -> FloatArray:
+    """Signed solid angles (..., m) of triangles (m, 3, 3) seen from points (..., 3).
+
+    In sr, by van Oosterom and Strackee; the angles of all triangles of a closed mesh
+    add up to 4 pi times its winding number about the point.
+    """
+    corners = np.ascontiguousarray(triangles_mm.transpose(1, 0, 2))
+    a, b, c = (corner - points_mm[..., None, :] for corner in corners)
+    la, lb, lc = (np.sqrt(_dots(v, v)) for v in (a, b, c))
+    across = _crosses(corners[1] - corners[0], corners[2] - corners[0])
+    rest = la * lb * lc + _dots(a, b) * lc + _dots(b, c) * la + _dots(c, a) * lb
+    return np.asarray(2 * np.arctan2(_dots(a, across), rest))
+
+
+def _dots(u: FloatArray, v: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("...j,...j->...", u, v))
+
+
+def _crosses(u: FloatArray, v: FloatArray) -> FloatArray:
+    """As numpy.cross, without its cost for few rows."""
+    x, y, z = u.T
+    return np.stack(
+        [
+            y * v[:, 2] - z * v[:, 1],
+            z * v[:, 0] - x * v[:, 2],
+            x * v[:, 1] - y * v[:, 0],
+        ],
+        axis=1,
     )
-    return np.asarray(2 * np.arctan2(volume, rest))
 
 
 def visible_first(

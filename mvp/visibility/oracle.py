@@ -8,8 +8,10 @@ Nothing here knows of hulls, solids, culling or single-precision rays.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -28,6 +30,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from mvp.visibility.occluders import Occluders
+
+Hits: TypeAlias = Iterator[tuple[IntArray, IntArray]]
+"""Rows of view points (k,) and the corners (k, 1 to 3) of what is in their way."""
+PyramidTest: TypeAlias = Callable[[FloatArray], Hits]
 
 _STRICT = 1e-9
 # Heights below this share of the scene's size are rounding: touching, not crossing.
@@ -49,7 +55,7 @@ def exactly_visible(
     """
     points = as_points(points_mm).reshape(-1, 3)
     triangles = np.asarray(scene.triangles_mm)
-    soup = _Soup.of(triangles)
+    soup = Soup.of(triangles)
     visible = np.ones(len(points), dtype=np.bool_)
     for piece in pieces:
         rows = np.flatnonzero(visible)
@@ -58,45 +64,51 @@ def exactly_visible(
 
 
 @dataclass(frozen=True, eq=False)
-class _Soup:
-    """Triangles (m, 3, 3) and their distinct edges as indices of corners (v, 3).
+class Soup:
+    """Triangles (m, 3, 3), also as indices (m, 3) of corners (v, 3), and edges (e, 2).
 
     A plane that passes a corner at ``touching_mm`` or less touches it.
     """
 
     triangles: FloatArray
     corners: FloatArray
+    faces: IntArray
     edges: IntArray
     touching_mm: float
 
     @classmethod
-    def of(cls, triangles: FloatArray) -> _Soup:
+    def of(cls, triangles: FloatArray) -> Soup:
+        """Of triangles (m, 3, 3)."""
         corners, index = np.unique(
             triangles.reshape(-1, 3), axis=0, return_inverse=True
         )
         faces = index.reshape(-1, 3)
         edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         touching = _TOUCHING * float(np.abs(corners).max(initial=0.0))
-        return cls(triangles, corners, np.unique(edges, axis=0), touching)
+        return cls(triangles, corners, faces, np.unique(edges, axis=0), touching)
 
 
-def _sees(soup: _Soup, piece: FeaturePiece, points: FloatArray) -> BoolArray:
+def _sees(soup: Soup, piece: FeaturePiece, points: FloatArray) -> BoolArray:
     """Apply the tests one after the other to the view points that are left."""
-    vertices = piece.vertices_mm
-    visible = ~_behind_own_faces(piece, points)
+    visible = ~behind_own_faces(piece, points)
+    for test in pyramid_tests(soup, piece.vertices_mm):
+        left = np.flatnonzero(visible)
+        for rows, _ in test(points[left]):
+            visible[left[rows]] = False
+    if len(piece.vertices_mm) > 2:
+        visible &= not len(mouth_edges(soup, piece.vertices_mm))
+    return visible
+
+
+def pyramid_tests(soup: Soup, vertices: FloatArray) -> list[PyramidTest]:
+    """Tests that find every triangle which meets an open pyramid over a piece."""
     middle = vertices.mean(axis=0, keepdims=True)
     ends = vertices if len(vertices) == 1 else np.concatenate([middle, vertices])
-    for end in ends:
-        rows = np.flatnonzero(visible)
-        visible[rows] = ~_segment_blocked(soup, points[rows], end)
-    for a, b in _sides(vertices):
-        rows = np.flatnonzero(visible)
-        visible[rows] = ~_side_cut(soup, points[rows], a, b)
+    tests: list[PyramidTest] = [partial(_segment_hits, soup, end=end) for end in ends]
+    tests += [partial(_side_hits, soup, a=a, b=b) for a, b in _sides(vertices)]
     if len(vertices) > 2:
-        rows = np.flatnonzero(visible)
-        visible[rows] = ~_corner_inside(soup, points[rows], vertices)
-        visible &= not _mouth_cut(soup, vertices)
-    return visible
+        tests.append(partial(_corner_hits, soup, polygon=vertices))
+    return tests
 
 
 def _sides(vertices: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
@@ -107,7 +119,7 @@ def _sides(vertices: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
     return [(vertices[i], vertices[(i + 1) % len(vertices)]) for i in range(count)]
 
 
-def _behind_own_faces(piece: FeaturePiece, points: FloatArray) -> BoolArray:
+def behind_own_faces(piece: FeaturePiece, points: FloatArray) -> BoolArray:
     """View points that face too few of the feature's own planes."""
     if not len(piece.planes):
         return np.zeros(len(points), dtype=np.bool_)
@@ -120,7 +132,7 @@ def _blocks(points: FloatArray, columns: int) -> list[slice]:
     return [slice(i, i + step) for i in range(0, len(points), step)]
 
 
-def _segment_blocked(soup: _Soup, points: FloatArray, end: FloatArray) -> BoolArray:
+def _segment_hits(soup: Soup, points: FloatArray, end: FloatArray) -> Hits:
     """Points (n, 3) whose segment to ``end`` passes strictly through a triangle."""
     a = soup.triangles[:, 0]
     ab, ac = soup.triangles[:, 1] - a, soup.triangles[:, 2] - a
@@ -129,7 +141,6 @@ def _segment_blocked(soup: _Soup, points: FloatArray, end: FloatArray) -> BoolAr
     at_end = np.einsum("md,md->m", end - a, normal)
     at_end[np.abs(at_end) <= touching] = 0.0
     offset = np.einsum("md,md->m", a, normal)
-    blocked = np.zeros(len(points), dtype=np.bool_)
     for block in _blocks(points, len(a)):
         some = points[block]
         height = some @ normal.T - offset
@@ -139,8 +150,7 @@ def _segment_blocked(soup: _Soup, points: FloatArray, end: FloatArray) -> BoolAr
         hit = some[rows] + share[:, None] * (end - some[rows])
         inner = _strictly_inside(hit - a[columns], ab[columns], ac[columns])
         inner &= (share > _STRICT) & (share < 1 - _STRICT)
-        blocked[block.start + rows[inner]] = True
-    return blocked
+        yield block.start + rows[inner], soup.faces[columns[inner]]
 
 
 def _strictly_inside(p: FloatArray, u: FloatArray, v: FloatArray) -> BoolArray:
@@ -153,11 +163,8 @@ def _strictly_inside(p: FloatArray, u: FloatArray, v: FloatArray) -> BoolArray:
     return np.asarray((s > limit) & (t > limit) & (area - s - t > limit))
 
 
-def _side_cut(
-    soup: _Soup, points: FloatArray, a: FloatArray, b: FloatArray
-) -> BoolArray:
+def _side_hits(soup: Soup, points: FloatArray, a: FloatArray, b: FloatArray) -> Hits:
     """Points x whose triangle x a b is crossed strictly inside by a mesh edge."""
-    cut = np.zeros(len(points), dtype=np.bool_)
     first, second = soup.edges[:, 0], soup.edges[:, 1]
     for block in _blocks(points, len(soup.edges)):
         x = points[block]
@@ -171,14 +178,12 @@ def _side_cut(
         p, q = soup.corners[first[columns]], soup.corners[second[columns]]
         hit = p + (before / (before - after))[:, None] * (q - p)
         inner = _strictly_inside(hit - x[rows], (a - x)[rows], (b - x)[rows])
-        cut[block.start + rows[inner]] = True
-    return cut
+        yield block.start + rows[inner], soup.edges[columns[inner]]
 
 
-def _corner_inside(soup: _Soup, points: FloatArray, polygon: FloatArray) -> BoolArray:
+def _corner_hits(soup: Soup, points: FloatArray, polygon: FloatArray) -> Hits:
     """Points whose pyramid over a convex polygon holds a mesh corner inside."""
     middle = polygon.mean(axis=0)
-    found = np.zeros(len(points), dtype=np.bool_)
     base = _area_vector(polygon)
     over = (soup.corners - middle) @ base
     for block in _blocks(points, len(soup.corners)):
@@ -190,12 +195,12 @@ def _corner_inside(soup: _Soup, points: FloatArray, polygon: FloatArray) -> Bool
             depth = normal @ (soup.corners - a).T
             inward = (normal @ (middle - a))[:, None]
             inside &= depth * np.sign(inward) > _STRICT * np.abs(inward)
-        found[block] = inside.any(axis=1)
-    return found
+        rows, corners = np.nonzero(inside)
+        yield block.start + rows, corners[:, None]
 
 
-def _mouth_cut(soup: _Soup, polygon: FloatArray) -> bool:
-    """Whether a mesh edge passes strictly through the polygon itself."""
+def mouth_edges(soup: Soup, polygon: FloatArray) -> IntArray:
+    """Mesh edges (k, 2) that pass strictly through the polygon itself."""
     middle, normal = polygon.mean(axis=0), _area_vector(polygon)
     height = (soup.corners - middle) @ normal
     flat = 1e-7 * np.linalg.norm(normal) * np.ptp(soup.corners, axis=0).max()
@@ -209,7 +214,7 @@ def _mouth_cut(soup: _Soup, polygon: FloatArray) -> bool:
     for a, b in _sides(polygon):
         depth = (hit - a) @ np.cross(normal, b - a)
         inside &= depth > _STRICT * np.abs((middle - a) @ np.cross(normal, b - a))
-    return bool(inside.any())
+    return np.asarray(soup.edges[through][inside])
 
 
 def _area_vector(polygon: FloatArray) -> FloatArray:

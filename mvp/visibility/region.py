@@ -17,7 +17,7 @@ from mvp.geometry import (
     TriangleMesh,
     as_points,
 )
-from mvp.visibility.culling import solid_angles
+from mvp.visibility.binding import in_the_way
 from mvp.visibility.facets import FacetDistances, FacetSet
 from mvp.visibility.occluders import mesh_edges
 from mvp.visibility.polygons import convex_patches
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from manifold3d import Manifold
     from numpy.typing import ArrayLike
 
-    from mvp.visibility.binding import Binding
+    from mvp.visibility.binding import Binding, FaceName
 
 # A point this close to the boundary counts as not visible.
 _BOUNDARY_MM = 1e-6
 _WALL_SHARE = 1e-9
-_FEW_PAIRS = 1 << 16
+_FEW_PAIRS = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -139,8 +139,12 @@ class Region:
 
     @property
     def binding(self) -> str:
-        """What takes the most view points away, in words."""
-        return "; ".join(binding.words for binding in self.bindings)
+        """What takes the most view points away, in words; faces by their ids."""
+        return self.in_the_way(lambda face: f"face {face}")
+
+    def in_the_way(self, name_face: FaceName) -> str:
+        """What takes the most view points away, faces called by ``name_face(id)``."""
+        return in_the_way(self.bindings, name_face)
 
     def contains(self, points_mm: ArrayLike) -> BoolArray:
         """Which points (N, 3) see the feature whole; the boundary itself does not."""
@@ -205,11 +209,10 @@ class Region:
 
     def _winding(self, points: FloatArray) -> FloatArray:
         """Winding number (n,) of the mesh about points (n, 3)."""
-        mesh = self.mesh
-        if len(points) * len(mesh.faces) <= _FEW_PAIRS:
-            turns = [solid_angles(mesh.triangles_mm, point).sum() for point in points]
-            return np.array(turns) / (4 * np.pi)
-        vertices, faces = np.array(mesh.vertices_mm), np.array(mesh.faces)
+        vertices, faces = self._everything.vertices_mm, self._everything.faces
+        points = np.ascontiguousarray(points)
+        if len(points) * len(faces) <= _FEW_PAIRS:
+            return np.asarray(igl.winding_number(vertices, faces, points)).reshape(-1)
         return np.asarray(igl.fast_winding_number(vertices, faces, points))
 
     @cached_property

@@ -133,7 +133,7 @@ def test_the_binding_names_the_faces_that_hide_most():
     region = region_of(lid, FeaturePiece([[0, 0, 0]]))
     shares = region.bindings[0].face_shares
     assert shares[0] == pytest.approx(0.35, abs=0.05)
-    assert "face 0 hides" in region.binding
+    assert "blocked by face 0 (3" in region.binding
 
 
 def test_nothing_in_the_way_leaves_the_whole_workspace():
