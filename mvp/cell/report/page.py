@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from mvp.cell.report.measured import Measured, measured_in
 from mvp.cell.wording import chance_text, error_text
+from mvp.kinematics import ARM_MODELS, arm_model
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from mvp.cell.run_document import RunDocument, ViewDocument
     from mvp.planning.plan import Margin, NotCovered, Plan, PlannedView
 
@@ -41,7 +45,7 @@ class MarginBar:
     value: str
     sigmas: str
     percent: float
-    level: Literal["", "thin", "broken"]
+    level: Literal["", "plain", "thin", "broken"]
     binding: bool
     row: str
 
@@ -95,7 +99,8 @@ def page_of(plan: Plan, run: RunDocument) -> Page:
     """Gather the page from a plan and its run."""
     word, verdict_class = _RUN_WORDS[run.status]
     documents = {view.id: view for view in run.views}
-    views = [_section(view, documents.get(view.id)) for view in plan.views]
+    units = _joint_units(run)
+    views = [_section(view, documents.get(view.id), units) for view in plan.views]
     return Page(
         run_id=run.run_id or "",
         verdict_word=word,
@@ -161,7 +166,9 @@ def _provenance(plan: Plan, run: RunDocument) -> list[tuple[str, str]]:
     return rows
 
 
-def _section(view: PlannedView, document: ViewDocument | None) -> ViewSection:
+def _section(
+    view: PlannedView, document: ViewDocument | None, units: tuple[str, ...]
+) -> ViewSection:
     status = "pending" if document is None else document.status
     verification = None if document is None else document.verification
     extra = {} if verification is None else (verification.model_extra or {})
@@ -185,7 +192,7 @@ def _section(view: PlannedView, document: ViewDocument | None) -> ViewSection:
             (error_text(key), f"-{loss:.2f} sigma")
             for key, loss in view.sensitivity.items()
         ],
-        settings=_settings(view, document),
+        settings=_settings(view, document, units),
         margins=[
             _bar(name, margin, view.binding) for name, margin in view.margins.items()
         ],
@@ -203,12 +210,13 @@ def _bar(name: str, margin: Margin, binding: str) -> MarginBar:
         share = 1.0 if sigmas is None else min(1.0, max(0.0, sigmas / FULL_SIGMAS))
     broken = margin.value is not None and margin.value < 0
     thin = sigmas is not None and sigmas < WARN_SIGMAS
+    level: Literal["", "plain", "thin", "broken"] = "plain" if sigmas is None else ""
     return MarginBar(
         name=name.replace("_", " "),
         value=value,
         sigmas=text,
         percent=round(100 * share, 1) if not broken else 100.0,
-        level="broken" if broken else "thin" if thin else "",
+        level="broken" if broken else "thin" if thin else level,
         binding=name == binding,
         row=margin.row,
     )
@@ -237,8 +245,19 @@ def _tolerance(view: PlannedView) -> list[tuple[str, str]]:
     return rows
 
 
+def _joint_units(run: RunDocument) -> tuple[str, ...]:
+    """Rad or mm per joint; an arm without a model here turns all its joints."""
+    names = [d.model for d in run.devices if d.role == "arm" and d.model in ARM_MODELS]
+    return arm_model(names[0]).joint_units if names else ()
+
+
+def _joints(values: Sequence[float], units: tuple[str, ...]) -> str:
+    named = zip_longest(values, units, fillvalue="rad")
+    return ", ".join(f"{value:.4f} {unit}" for value, unit in named)
+
+
 def _settings(
-    view: PlannedView, document: ViewDocument | None
+    view: PlannedView, document: ViewDocument | None, units: tuple[str, ...]
 ) -> list[tuple[str, str, str]]:
     reached = None if document is None else document.reached
     steps = view.lens_steps.model_dump()
@@ -256,9 +275,8 @@ def _settings(
         ("viewing direction", _vector(view.view_direction, digits=4), ""),
         ("roll", f"{view.roll_rad:.4f} rad", ""),
     ]
-    for number, asked in enumerate(view.joints_rad):
-        arrived = "–" if reached is None else f"{reached.joints[number]:.4f}"
-        rows.append((f"joint {number + 1}", f"{asked:.4f}", arrived))
+    arrived = "–" if reached is None else _joints(reached.joints, units)
+    rows.append(("joints", _joints(view.joints_rad, units), arrived))
     exposure = None if document is None else document.exposure_s
     asked_exposure = (
         f"{1000 * view.exposure_s:.2f} ms" if view.exposure_s else "metered"
