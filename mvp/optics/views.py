@@ -7,11 +7,15 @@ origin is the entrance pupil; its z axis is the viewing direction nu.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from mvp.geometry import BoolArray, FloatArray, IntArray, Pose, as_points
 from mvp.optics.thick_lens import focus_distance_mm, principal_distance_mm
+
+_MANY_VIEWS = 100
+_FIELDS = ("rotation", "position_mm", "d_mm", "f_mm", "a_mm", "e_mm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +45,19 @@ class Views:
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "position_mm", position)
         for name in ("d_mm", "f_mm", "a_mm", "e_mm"):
-            values = np.broadcast_to(
-                np.asarray(getattr(self, name), dtype=np.float64), len(position)
-            )
-            object.__setattr__(self, name, np.array(values))
+            values = np.array(getattr(self, name), dtype=np.float64)
+            if values.shape != (len(position),):
+                values = np.array(np.broadcast_to(values, len(position)))
+            object.__setattr__(self, name, values)
         if len(rotation) != len(position):
             raise ValueError("rotation and position_mm need the same leading axis")
+
+    def _taken(self, rows: IntArray) -> Views:
+        """Rows (k,) of the batch; what was checked once needs no second check."""
+        taken = Views.__new__(Views)
+        for name in _FIELDS:
+            object.__setattr__(taken, name, getattr(self, name)[rows])
+        return taken
 
     def __len__(self) -> int:
         return len(self.position_mm)
@@ -54,21 +65,18 @@ class Views:
     def __getitem__(self, index: slice | BoolArray | IntArray | int) -> Views:
         """A subset, by slice, mask, indices or a single index (kept as N = 1)."""
         keep = np.atleast_1d(np.arange(len(self))[index])
-        return Views(
-            self.rotation[keep],
-            self.position_mm[keep],
-            self.d_mm[keep],
-            self.f_mm[keep],
-            self.a_mm[keep],
-            self.e_mm[keep],
-        )
+        return self._taken(keep)
+
+    def repeated(self, count: int) -> Views:
+        """All views ``count`` times over, one whole batch after the other."""
+        return self._taken(np.tile(np.arange(len(self)), count))
 
     @property
     def direction(self) -> FloatArray:
         """Viewing directions nu, (N, 3)."""
         return self.rotation[:, :, 2]
 
-    @property
+    @cached_property
     def f_cal_mm(self) -> FloatArray:
         """Principal distance f_cal = d - e (d - f) / f, (N,) mm."""
         return principal_distance_mm(self.d_mm, self.f_mm, self.e_mm)
@@ -80,8 +88,14 @@ class Views:
 
     def camera_points(self, points_part: FloatArray) -> FloatArray:
         """Points (M, 3) in every camera's frame, (N, M, 3) mm."""
-        relative = points_part[None] - self.position_mm[:, None]
-        return np.asarray(np.matmul(relative, self.rotation))
+        if len(self) < _MANY_VIEWS:
+            relative = points_part[None] - self.position_mm[:, None]
+            return np.asarray(np.matmul(relative, self.rotation))
+        # One product with all rotations side by side, a few times faster.
+        sideways = self.rotation.transpose(1, 0, 2).reshape(3, -1)
+        turned = (points_part @ sideways).reshape(len(points_part), -1, 3)
+        origin = np.einsum("nj,njk->nk", self.position_mm, self.rotation)
+        return np.asarray((turned - origin).transpose(1, 0, 2))
 
     def part_from_camera(self, index: int = 0) -> Pose:
         """The pose of one view."""

@@ -9,6 +9,7 @@ over long steps; in plain x, y, z the search crawls along a curved ridge.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,12 +52,12 @@ class Chart:
             problem.target_radius_mm + problem.lens.f_mm[0],
         )
 
-    @property
+    @cached_property
     def n_orbit(self) -> int:
         """Number of orbit angles."""
         return 3 if self.roll_free else 2
 
-    @property
+    @cached_property
     def shape(self) -> FloatArray:
         """(n,) step per unit of trust radius: rad, tangents, logarithms."""
         orbit = [_ORBIT_RAD] * self.n_orbit
@@ -71,7 +72,7 @@ class Chart:
         ]
         return np.array([*orbit, _AIM, _AIM, _DEPTH, *lens])
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of coordinates."""
         return len(self.shape)
@@ -132,8 +133,7 @@ class Chart:
         q = self.target_camera(views)
         jacobian = np.zeros((n_views, N_COORDINATES, self.n))
         for j in range(self.n_orbit):
-            axis = np.eye(3)[j]
-            turned = np.cross(axis, q)
+            turned = _turned_about(j, q)
             jacobian[:, SHIFT, j] = -np.einsum("nij,nj->ni", views.rotation, turned)
             jacobian[:, TURN.start + j, j] = 1.0
         column = self.n_orbit
@@ -180,3 +180,12 @@ class Chart:
                 high[:, column] = np.minimum(high[:, column], most)
                 column += 1
         return low, high
+
+
+def _turned_about(axis: int, q: FloatArray) -> FloatArray:
+    """Cross product (N, 3) of a unit vector of the frame with points (N, 3)."""
+    turned = np.zeros_like(q)
+    after, last = (axis + 1) % 3, (axis + 2) % 3
+    turned[:, after] = -q[:, last]
+    turned[:, last] = q[:, after]
+    return turned

@@ -7,12 +7,15 @@ scipy's front end to the same solver does it, ten times slower.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from mvp.geometry import FloatArray
 
 
@@ -38,6 +41,15 @@ class LinearSolver(Protocol):
     ) -> LinearSolution | None:
         """The optimum, or None when there is none."""
         ...
+
+
+@cache
+def _dense_pattern(
+    count: int, width: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Row starts and column numbers of a full matrix stored by rows."""
+    columns = np.tile(np.arange(width, dtype=np.int32), count)
+    return np.arange(count + 1, dtype=np.int32) * width, columns
 
 
 class HighsSolver:
@@ -68,10 +80,10 @@ class HighsSolver:
         model.col_cost_, model.col_lower_, model.col_upper_ = -cost, low, high
         model.row_lower_ = rows_low
         model.row_upper_ = np.full(count, highs.kHighsInf)
-        model.a_matrix_.format_ = highs.MatrixFormat.kRowwise
-        model.a_matrix_.start_ = np.arange(count + 1) * width
-        model.a_matrix_.index_ = np.tile(np.arange(width), count)
-        model.a_matrix_.value_ = rows.ravel()
+        matrix = model.a_matrix_
+        matrix.format_ = highs.MatrixFormat.kRowwise
+        matrix.start_, matrix.index_ = _dense_pattern(count, width)
+        matrix.value_ = rows.ravel()
         self._solver.passModel(model)
         self._solver.run()
         if self._solver.getModelStatus() != highs.HighsModelStatus.kOptimal:

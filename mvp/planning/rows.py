@@ -213,7 +213,7 @@ class RowTable:
         step = _DIFFERENCE * chart.shape
         count = len(views)
         offsets = np.concatenate([np.diag(step), -np.diag(step)])
-        repeated = views[np.tile(np.arange(count), len(offsets))]
+        repeated = views.repeated(len(offsets))
         y = np.repeat(offsets, count, axis=0)
         displaced = chart.retract(repeated, y, clip=False)
         scales = self.evaluate(displaced, curved_only=True).scale
