@@ -41,6 +41,7 @@ class ViewWriter:
         }
         written |= self._arm_margins(realised)
         pose = realised.arm.part_from_camera
+        written["visibility"] = self._sight(written["visibility"], realised)
         exposure = self.factory.task.config.exposure
         return PlannedView(
             id=f"v{number}",
@@ -70,6 +71,14 @@ class ViewWriter:
             notes=self._notes(realised, written),
             contrast=realised.contrast.by_feature if realised.contrast else {},
         )
+
+    def _sight(self, margin: Margin, realised: RealisedView) -> Margin:
+        """The margin of visibility with the feature and the face that it is about."""
+        if margin.unbounded:
+            return margin
+        pupil_mm = realised.arm.part_from_camera.translation_mm
+        row = self.factory.sight_row(realised.features, pupil_mm)
+        return margin.model_copy(update={"row": row})
 
     def _arm_margins(self, realised: RealisedView) -> dict[str, Margin]:
         reach, nearest = realised.arm.reach, realised.arm.nearest

@@ -25,7 +25,16 @@ from mvp.geometry import Box, Pose
 from mvp.kinematics import camera_rotation
 from mvp.optics import Intrinsics, LensTable, Sensor, Views
 from mvp.planning import LensBounds, PlanningProblem
-from mvp.visibility import Occluders, Region, intersection, prepare, visibility_region
+from mvp.visibility import (
+    NOTHING,
+    OWN_FACES,
+    Occluders,
+    Region,
+    intersection,
+    limiting_faces,
+    prepare,
+    visibility_region,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -125,6 +134,10 @@ class ProblemFactory:
         """Part and fixtures, prepared."""
         return prepare(self.scene.scene.occluders)
 
+    def face_name(self, face_id: int) -> str:
+        """How messages call a face of part or fixtures."""
+        return self.scene.scene.face_name(face_id)
+
     @property
     def c_mm(self) -> float:
         """Largest acceptable circle of confusion."""
@@ -137,6 +150,18 @@ class ProblemFactory:
                 self.occluders, feature.sight_pieces(), self.search_box
             )
         return self._regions[feature.id]
+
+    def sight_row(self, features: Sequence[Feature], position_mm: FloatArray) -> str:
+        """Which feature is lost first near a pupil (3,), part frame, and to what."""
+        point = position_mm[None]
+        distances = [float(self.region(f).signed_distance(point)[0]) for f in features]
+        weakest = features[int(np.argmin(distances))]
+        face = int(limiting_faces(self.region(weakest), point)[0])
+        if face == NOTHING:
+            return weakest.id
+        if face == OWN_FACES:
+            return f"{weakest.id}, before it turns away"
+        return f"{weakest.id}, before {self.face_name(face)} hides it"
 
     def common_region(self, features: Sequence[Feature]) -> Region:
         """Where all features are seen whole."""

@@ -146,7 +146,7 @@ class ViewFinder:
         self.tell(f"visibility of {_names(features)}")
         region = self.factory.common_region(features)
         if region.empty:
-            return Failed(tuple(features), _unseen(features, region), "visibility")
+            return Failed(tuple(features), self._unseen(features, region), "visibility")
         mounted, *others = self.factory.tubes_mm()
         failure = self._with_tube(features, region, mounted, trial=trial)
         if isinstance(failure, RealisedView) or trial:
@@ -247,6 +247,11 @@ class ViewFinder:
             fix=_FIXES["reach"],
         )
 
+    def _unseen(self, features: Sequence[Feature], region: Region) -> str:
+        many = "these features are" if len(features) > 1 else "it is"
+        why = region.in_the_way(self.factory.face_name)
+        return f"there is no place from which {many} seen whole: {why}"
+
     def explained(self, found: Found) -> Found:
         """The same, with what would help the features that stayed without a view."""
         return replace(found, failed=tuple(self._explained(f) for f in found.failed))
@@ -260,7 +265,10 @@ class ViewFinder:
             return replace(failed, fix=failed.fix or _FIXES["reach"])
         self.tell(f"why there is no view of {_names(failed.features)}")
         answer = explain(
-            failed.problem, failed.attempt, seed=self.seed, name_face=self._face_name
+            failed.problem,
+            failed.attempt,
+            seed=self.seed,
+            name_face=self.factory.face_name,
         )
         blocked = (
             f"; in the way: {', '.join(answer.blockers)}" if answer.blockers else ""
@@ -270,18 +278,6 @@ class ViewFinder:
             reason=f"{failed.reason}: {answer.reason}{blocked} ({answer.searched})",
             fix=answer.fix,
         )
-
-    def _face_name(self, face: int) -> str:
-        """A face of the occluding scene by body and number."""
-        for mesh in (
-            self.factory.scene.scene.part,
-            *self.factory.scene.scene.fixtures,
-        ):
-            count = int(mesh.face_ids.max(initial=-1)) + 1
-            if face < count:
-                return f"face {face + 1} of {mesh.name}"
-            face -= count
-        return f"face {face + 1}"
 
 
 def _shown(view: RealisedView) -> float:
@@ -312,19 +308,15 @@ def _inadmissible(
         )
     best = solutions[0]
     worst = min(best.margins.items(), key=lambda item: item[1].index)
+    row = "" if worst[0] == "visibility" else f" ({worst[1].row})"
     return Failed(
         tuple(features),
         f"the best view found misses {worst[0].replace('_', ' ')} by "
-        f"{abs(worst[1].value):.3g} {worst[1].unit} ({worst[1].row})",
+        f"{abs(worst[1].value):.3g} {worst[1].unit}{row}",
         worst[0],
         problem,
         found,
     )
-
-
-def _unseen(features: Sequence[Feature], region: Region) -> str:
-    many = "these features are" if len(features) > 1 else "it is"
-    return f"there is no place from which {many} seen whole: {region.binding}"
 
 
 def _names(features: Sequence[Feature]) -> str:

@@ -15,11 +15,12 @@ import numpy as np
 
 from mvp.constraints import Visibility
 from mvp.optics.thick_lens import focus_distance_mm
-from mvp.planning.blockers import FaceName, blocking_faces
+from mvp.planning.blockers import FaceName, blocking_faces, limiting_faces
 from mvp.planning.chart import Chart
 from mvp.planning.cures import Cure, knob_cures, lens_cure
 from mvp.planning.rows import RowTable
 from mvp.planning.solve import Attempt, Solution
+from mvp.visibility import Region
 
 if TYPE_CHECKING:
     from mvp.optics import Views
@@ -119,6 +120,8 @@ def explain(
     if lens is not None:
         cures = [lens, *cures]
     blockers = blocking_faces(problem, best.view, namer)
+    if not blockers and any(c.name == "visibility" for c in conflicts):
+        blockers = limiting_faces(problem, best.view, namer)
     return Explanation(
         reason=_reason(best, conflicts, lens is not None),
         nearest=best,
@@ -212,8 +215,8 @@ def _seen_from_nowhere(
     problem: PlanningProblem, searched: str, namer: FaceName
 ) -> Explanation:
     regions = [c.region for c in problem.constraints if isinstance(c, Visibility)]
-    words = "; ".join(str(getattr(region, "binding", "")) for region in regions).strip(
-        "; "
+    words = "; ".join(
+        region.in_the_way(namer) for region in regions if isinstance(region, Region)
     )
     reason = "no place in the workspace sees the features whole"
     if problem.accept is not None:

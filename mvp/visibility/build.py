@@ -92,12 +92,15 @@ class _Job:
         if len(late):
             more = self._merged(late)
             shadows.append(self._timed("repair", lambda: self._shadow(*more)))
-        solid = box_solid(self.workspace) if before is None else before.solid
-        solid = seen_side(solid, own)
-        solid = self._timed("subtract", lambda: _without(solid, shadows))
+        if len(room.planes):
+            known = box_solid(self.workspace) if before is None else before.solid
+            loose, rest = seen_side(known, own), shadows
+        else:
+            rest = shadows[1:]
+        solid = self._timed("subtract", lambda: _without(loose, rest))
         solid = self._timed("trim", lambda: trimmed(solid, self.workspace))
         feature = self.piece.vertices_mm
-        binding = Binding(self.occluders, feature, own, self.workspace)
+        bindings = (Binding(self.occluders, feature, own, self.workspace),)
         statistics = RegionStatistics(
             pieces=1,
             triangles=len(self.occluders.faces),
@@ -108,11 +111,10 @@ class _Job:
             two_sided_edges=self.occluders.bad_edges,
             seconds=self.seconds,
         )
-        exact, bindings = not merged[1], (binding,)
-        if before is not None:
-            statistics = before.statistics.plus(statistics)
-            exact, bindings = exact and before.exact, (*before.bindings, binding)
-        return Region(solid, self.workspace, walls, exact, statistics, bindings)
+        region = Region(
+            solid, self.workspace, walls, not merged[1], statistics, bindings
+        )
+        return region if before is None else before.narrowed(region)
 
     def _timed(self, stage: str, work: Callable[[], T]) -> T:
         start = self.clock()

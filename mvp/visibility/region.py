@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -145,6 +145,15 @@ class Region:
     def in_the_way(self, name_face: FaceName) -> str:
         """What takes the most view points away, faces called by ``name_face(id)``."""
         return in_the_way(self.bindings, name_face)
+
+    def narrowed(self, rest: Region) -> Region:
+        """A part of this region, with the history of both."""
+        return replace(
+            rest,
+            exact=self.exact and rest.exact,
+            statistics=self.statistics.plus(rest.statistics),
+            bindings=self.bindings + rest.bindings,
+        )
 
     def contains(self, points_mm: ArrayLike) -> BoolArray:
         """Which points (N, 3) see the feature whole; the boundary itself does not."""
