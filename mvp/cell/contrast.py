@@ -46,11 +46,13 @@ class Line:
         name: for people.
         feature: whose it is.
         pieces: numbers of the probed pieces; the clearest of them counts.
+        crowded: another line runs too close beside it.
     """
 
     name: str
     feature: str
     pieces: tuple[int, ...]
+    crowded: bool = False
 
 
 @dataclass(frozen=True)
@@ -61,11 +63,13 @@ class SeenContrast:
         by_line: step over the brighter grey.
         by_feature: the smallest of each feature's lines.
         asked: what a line must show to be measured.
+        crowded: lines beside which another one runs too close.
     """
 
     by_line: dict[str, float]
     by_feature: dict[str, float]
     asked: float
+    crowded: tuple[str, ...] = ()
 
     @property
     def smallest(self) -> float:
@@ -79,12 +83,28 @@ class SeenContrast:
 
     @property
     def notes(self) -> list[str]:
-        """One sentence for every line that will not be measurable."""
+        """What will not be measurable, in one sentence for each reason."""
+        return [*self._faint_note(), *self._crowded_note()]
+
+    def _crowded_note(self) -> list[str]:
+        if not self.crowded:
+            return []
+        more = len(self.crowded) - 1
+        others = f" (and beside {more} more lines)" if more else ""
         return [
-            f"{name} will show only {value:.0%} contrast: expect 'not measurable'; a "
-            "second light or a coating helps"
-            for name, value in self.by_line.items()
-            if value < self.asked
+            f"another line is only a few pixels beside {self.crowded[0]}{others}: expect "
+            "'not measurable'; ask for a finer detail to bring the camera nearer"
+        ]
+
+    def _faint_note(self) -> list[str]:
+        faint = {n: v for n, v in self.by_line.items() if v < self.asked}
+        if not faint:
+            return []
+        name = min(faint, key=lambda n: faint[n])
+        more = f" ({len(faint) - 1} more lines are faint)" if len(faint) > 1 else ""
+        return [
+            f"{name} will show only {faint[name]:.0%} contrast{more}: expect 'not "
+            "measurable'; a second light or a coating helps"
         ]
 
 
@@ -138,7 +158,8 @@ class ViewContrast:
         for line, value in zip(self.lines, values, strict=True):
             before = by_feature.get(line.feature, np.inf)
             by_feature[line.feature] = min(before, float(value))
-        return SeenContrast(by_line, by_feature, self.asked)
+        crowded = tuple(line.name for line in self.lines if line.crowded)
+        return SeenContrast(by_line, by_feature, self.asked, crowded)
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +273,8 @@ def _lines(expectation: ViewExpectation) -> tuple[Line, ...]:
     lines: list[Line] = []
     for number, edge in enumerate(expectation.edges):
         if edge.role == "feature":
-            lines += [Line(edge.name, edge.feature, (number,)), *_ends(edge)]
+            own = Line(edge.name, edge.feature, (number,), edge.crowded)
+            lines += [own, *_ends(edge)]
     for point in expectation.points:
         lines += [
             Line(f"{point.feature}, edge {k}", point.feature, (number,))
@@ -262,7 +284,7 @@ def _lines(expectation: ViewExpectation) -> tuple[Line, ...]:
     for number, rim in enumerate(expectation.rims):
         same = [r for r in expectation.rims[:number] if r.feature == rim.feature]
         name = f"{rim.feature}, circle {len(same) + 1}" if same else rim.feature
-        lines.append(Line(name, rim.feature, (first + number,)))
+        lines.append(Line(name, rim.feature, (first + number,), rim.crowded))
     return tuple(lines)
 
 

@@ -60,6 +60,7 @@ class ExpectedEdge:
         detail_px: image of the required detail, pixels, at its worst place.
         open_ends: an end is marked by nothing: only the place across is asked.
         whole: the whole edge of a feature that is measured on a piece of it.
+        crowded: another line runs so close beside it that they cannot be told apart.
     """
 
     name: str
@@ -78,6 +79,7 @@ class ExpectedEdge:
     detail_px: float = float("nan")
     open_ends: bool = False
     whole: ExpectedEdge | None = None
+    crowded: bool = False
 
     @property
     def asked(self) -> ExpectedEdge:
@@ -122,6 +124,7 @@ class ExpectedRim:
         own: numbers of the CAD edges that make up the rim.
         even: (n,) where the step is the same a little farther along and across; empty
             for everywhere.
+        crowded: another line runs so close beside it that they cannot be told apart.
     """
 
     feature: str
@@ -137,6 +140,7 @@ class ExpectedRim:
     requirement: Requirement | None = None
     detail_px: float = float("nan")
     even: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
+    crowded: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,7 @@ from mvp.imaging.predict_lines import (
     sight,
     silhouettes,
 )
-from mvp.imaging.predict_outlines import Side, even_pieces, outline_parts
+from mvp.imaging.predict_outlines import Side, measured_pieces, outline_parts
 from mvp.imaging.predict_rims import expected_rim
 from mvp.imaging.render_body import RenderBody
 from mvp.imaging.render_scene import RenderScene
@@ -206,22 +206,11 @@ class _Builder:
         return [self._rim(feature.id, rim) for rim in parts.rims]
 
     def _add_pieces(self, edge: ExpectedEdge) -> None:
-        """The longest piece with one background, then the others for their place."""
+        """Keep every piece of a feature edge that can be measured on its own."""
         stage = self.stage
         away = _CLEAR_OF_EDGE_PX + edge.blur_px / 2
-        found = even_pieces(edge, away, stage.scene, stage.pose, stage.plane)
-        for number, (low, high) in enumerate(found):
-            piece = cropped(edge, low, high, stage.plane)
-            if piece is not edge:
-                name = edge.name if number == 0 else f"{edge.name}, piece {number + 1}"
-                piece = replace(
-                    piece,
-                    name=name,
-                    whole=edge if number == 0 else None,
-                    open_ends=edge.open_ends or number > 0,
-                    contrast=self._contrast(piece),
-                )
-            self.edges.append(piece)
+        for piece in measured_pieces(edge, away, stage.scene, stage.pose, stage.plane):
+            self.edges.append(replace(piece, contrast=self._contrast(piece)))
 
     def _feature_edge(self, feature: str, name: str, side: Side) -> ExpectedEdge:
         stage, a_mm, b_mm = self.stage, side.start_mm, side.end_mm

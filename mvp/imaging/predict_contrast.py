@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -12,10 +13,16 @@ from mvp.imaging.predict_lines import hit_depth
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mvp.geometry import BoolArray, FloatArray, Pose
+    from mvp.geometry import BoolArray, FloatArray, IntArray, Pose
     from mvp.imaging.light import Float32Array
     from mvp.imaging.measure_plane import ImagePlane
     from mvp.imaging.render_scene import RenderScene
+
+
+_SAME_FACE = np.cos(np.deg2rad(20.0))
+_SAME_DEPTH = 0.1
+# How far a face must reach beside a line to have a level of its own.
+WIDER_PX = 2.5
 
 
 class LightModel(Protocol):
@@ -28,11 +35,11 @@ class LightModel(Protocol):
 
     def radiance(
         self,
-        points: Sequence[Float32Array],
-        normals: Sequence[Float32Array],
+        points: Float32Array,
+        normals: Float32Array,
         albedo: Float32Array,
     ) -> Float32Array:
-        """Grey (n,) of points (x, y, z) with normals (x, y, z), camera frame."""
+        """Grey (n,) of points (3, n) with normals (3, n), camera frame."""
         ...
 
 
@@ -51,6 +58,15 @@ class LitPlaces:
     normals: FloatArray
     albedo: Float32Array
 
+    def at(self, places: IntArray) -> LitPlaces:
+        """Some of the places."""
+        return LitPlaces(
+            self.solid[places],
+            self.points[places],
+            self.normals[places],
+            self.albedo[places],
+        )
+
     def greys(self, light: LightModel, turns_rad: FloatArray) -> FloatArray:
         """Greys (R, n) when the camera, and its light, is turned about its axis.
 
@@ -63,8 +79,8 @@ class LitPlaces:
         points = _turned(self.points[self.solid], turns)
         normals = _turned(self.normals[self.solid], turns)
         lit = light.radiance(
-            list(points.reshape(-1, 3).T.astype(np.float32)),
-            list(normals.reshape(-1, 3).T.astype(np.float32)),
+            points.reshape(-1, 3).T.astype(np.float32),
+            normals.reshape(-1, 3).T.astype(np.float32),
             np.tile(self.albedo[self.solid], len(turns)),
         )
         out[:, self.solid] = lit.reshape(len(turns), -1)
@@ -125,6 +141,37 @@ def both_sides(
         lit_places(places_px - step, scene, part_from_camera, plane),
         lit_places(places_px + step, scene, part_from_camera, plane),
     )
+
+
+def other_face(a: LitPlaces, b: LitPlaces) -> BoolArray:
+    """Where (n,) two sets of places show clearly different faces, whatever the light."""
+    turned = np.einsum("ij,ij->i", a.normals, b.normals) < _SAME_FACE
+    depth = a.points[:, 2], b.points[:, 2]
+    apart = np.abs(depth[1] - depth[0]) > _SAME_DEPTH * np.maximum(*depth)
+    return np.asarray((a.solid != b.solid) | (a.solid & b.solid & (turned | apart)))
+
+
+def crowded(
+    places_px: FloatArray,
+    normals_px: FloatArray,
+    away_px: Sequence[float],
+    scene: RenderScene,
+    part_from_camera: Pose,
+    plane: ImagePlane,
+) -> BoolArray:
+    """Where (n,) a face beside a line is only a sliver, with another line behind it.
+
+    ``away_px``: distances, the nearest first, that should show one face on each side.
+    """
+    sides = [
+        both_sides(places_px, normals_px, t, scene, part_from_camera, plane)
+        for t in away_px
+    ]
+    changes = [
+        other_face(near.before, wide.before) | other_face(near.behind, wide.behind)
+        for near, wide in pairwise(sides)
+    ]
+    return np.asarray(np.any(changes, axis=0))
 
 
 def contrast_at(

@@ -8,14 +8,20 @@ of a feature that has nothing else the longest chord is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mvp.imaging.predict_contrast import LitPlaces, both_sides
-from mvp.imaging.predict_geometry import straight_segments
-from mvp.imaging.predict_rims import fitted_circle
+from mvp.imaging.predict_contrast import (
+    WIDER_PX,
+    LitPlaces,
+    both_sides,
+    crowded,
+    other_face,
+)
+from mvp.imaging.predict_geometry import cropped, straight_segments
+from mvp.imaging.predict_rims import CROWDED, fitted_circle
 
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, Pose
@@ -34,8 +40,8 @@ _SHORTEST_CHORD_PX = 25.0
 _SMOOTH_RAD = np.deg2rad(30.0)
 _CROSSING_RAD = np.deg2rad(15.0)
 _PLACES = 65
-_SAME_FACE = np.cos(np.deg2rad(20.0))
-_SAME_DEPTH = 0.1
+# A sliver of face thinner than this does not disturb.
+_THINNEST_PX = 0.4
 _SHORTEST_PIECE_PX = 20.0
 
 
@@ -202,11 +208,45 @@ def even_pieces(
 
 def _changes(side: LitPlaces) -> BoolArray:
     """Where (n - 1,) the next place shows something else than this one."""
-    a, b = slice(None, -1), slice(1, None)
-    solid = side.solid
-    turned = np.einsum("ij,ij->i", side.normals[a], side.normals[b]) < _SAME_FACE
-    depth = side.points[:, 2]
-    farther = np.abs(depth[b] - depth[a]) > _SAME_DEPTH * np.maximum(depth[a], depth[b])
-    return np.asarray(
-        (solid[a] != solid[b]) | (solid[a] & solid[b] & (turned | farther))
-    )
+    places = np.arange(len(side.solid))
+    return other_face(side.at(places[:-1]), side.at(places[1:]))
+
+
+def _crowded(
+    edge: ExpectedEdge,
+    away_px: float,
+    scene: RenderScene,
+    part_from_camera: Pose,
+    plane: ImagePlane,
+) -> bool:
+    """Another line runs close beside most of it."""
+    places = np.linspace(edge.start_px, edge.end_px, _PLACES)[1:-1]
+    normals = np.broadcast_to(edge.normal, places.shape)
+    reach = _THINNEST_PX, away_px, away_px + WIDER_PX
+    close = crowded(places, normals, reach, scene, part_from_camera, plane)
+    return bool(close.mean() > CROWDED)
+
+
+def measured_pieces(
+    edge: ExpectedEdge,
+    away_px: float,
+    scene: RenderScene,
+    part_from_camera: Pose,
+    plane: ImagePlane,
+) -> list[ExpectedEdge]:
+    """The longest piece with one background, then the others for their place."""
+    out = []
+    found = even_pieces(edge, away_px, scene, part_from_camera, plane)
+    for number, (low, high) in enumerate(found):
+        piece = cropped(edge, low, high, plane)
+        if piece is not edge:
+            name = edge.name if number == 0 else f"{edge.name}, piece {number + 1}"
+            piece = replace(
+                piece,
+                name=name,
+                whole=edge if number == 0 else None,
+                open_ends=edge.open_ends or number > 0,
+            )
+        close = _crowded(piece, away_px, scene, part_from_camera, plane)
+        out.append(replace(piece, crowded=close))
+    return out

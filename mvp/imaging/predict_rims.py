@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.imaging.expectation import ExpectedRim, Requirement
-from mvp.imaging.predict_contrast import LightModel, both_sides
+from mvp.imaging.predict_contrast import WIDER_PX, LightModel, both_sides, crowded
 from mvp.imaging.predict_lines import Lines, hidden
 
 if TYPE_CHECKING:
@@ -18,9 +18,11 @@ if TYPE_CHECKING:
 RIM_POINTS = 96
 _LIFT_MM = 0.02
 _ON_RIM_MM = 0.05
-# A sliver of wall narrower than this has no level of its own.
-_WIDER_PX = 2.5
 _SAME_STEP = 0.5
+# Share of a line beside which another one runs that makes it unmeasurable.
+CROWDED = 0.5
+# A second rim seen through a hole misleads the search for the first one.
+_CROWDED_RIM = 0.25
 
 
 def expected_rim(
@@ -41,16 +43,21 @@ def expected_rim(
     visible = ~hidden(lifted, scene, part_from_camera) & plane.inside(places)
     blur = float(np.sqrt(np.mean(plane.blur_px(points[:, 2]) ** 2)))
     steps = np.full(len(places), np.nan)
-    even = np.ones(len(places), dtype=np.bool_)
+    normals, away = outward_normals(places), 1.5 + blur / 2
+    reach = away, away + WIDER_PX, away + 2 * WIDER_PX
+    close = [
+        crowded(places, normals, reach[:count], scene, part_from_camera, plane)
+        for count in (2, 3)
+    ]
+    even = ~close[0]
     if light is not None:
-        normals, away = outward_normals(places), 1.5 + blur / 2
         steps, wider = (
             both_sides(places, normals, t, scene, part_from_camera, plane).steps(
                 light, np.zeros(1)
             )[0]
-            for t in (away, away + _WIDER_PX)
+            for t in reach[:2]
         )
-        even = ~_jumps(steps) & (np.abs(wider - steps) < _SAME_STEP * np.abs(steps))
+        even &= ~_jumps(steps) & (np.abs(wider - steps) < _SAME_STEP * np.abs(steps))
     detail = float("nan")
     if requirement is not None:
         detail = _detail_px(centre, axis, radius, requirement, plane)
@@ -68,6 +75,7 @@ def expected_rim(
         requirement,
         detail,
         even,
+        bool(visible.any() and close[1][visible].mean() > _CROWDED_RIM),
     )
 
 

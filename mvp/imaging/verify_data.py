@@ -69,6 +69,7 @@ class EdgeReport:
         blur: of this edge.
         notes: what could not be measured, and why.
         length_asked: its ends are marked, so that its length must be measured.
+        crowded: another line runs too close beside it to tell them apart.
     """
 
     feature: str
@@ -94,6 +95,7 @@ class EdgeReport:
     blur: Blur
     notes: tuple[str, ...] = ()
     length_asked: bool = True
+    crowded: bool = False
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,7 @@ class HoleReport:
     rim_px: tuple[tuple[float, float], ...]
     blur: Blur
     notes: tuple[str, ...] = ()
+    crowded: bool = False
 
 
 @dataclass(frozen=True)

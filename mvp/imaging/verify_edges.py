@@ -89,6 +89,7 @@ def edge_report(
         blur=blur_of(found, edge.blur_px, expectation.c_px),
         notes=_notes(edge, found, ends),
         length_asked=not edge.open_ends,
+        crowded=edge.crowded,
     )
 
 

@@ -68,6 +68,7 @@ def hole_report(
         rim_px=_outline(expectation, measured) if found.found else (),
         blur=_blur(found, rim, expectation.c_px),
         notes=_notes(rim, found),
+        crowded=rim.crowded,
     )
 
 

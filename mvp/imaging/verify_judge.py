@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mvp.imaging.verify_data import EdgeReport, HoleReport, PointReport, Verdict
 
 _NOTE_OFFSET_PX = 0.5
+_MOST_NAMES = 6
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,13 @@ class Reports:
 
     def pale(self) -> tuple[str, ...]:
         """Features without contrast, as predicted or as seen."""
-        pale = [e.name for e in self.edges if self._pale(e)]
-        return tuple(pale + [h.feature for h in self.holes if self._pale(h)])
+        pale = [e.name for e in self.edges if self.is_pale(e)]
+        return tuple(pale + [h.feature for h in self.holes if self.is_pale(h)])
+
+    def crowded(self) -> tuple[str, ...]:
+        """Features beside which another line runs too close to tell them apart."""
+        close = [e.name for e in self.edges if e.crowded]
+        return tuple(close + [h.feature for h in self.holes if h.crowded])
 
     def unmeasured(self) -> tuple[str, ...]:
         """Features whose size or place was not found."""
@@ -53,9 +59,11 @@ class Reports:
 
     def _hidden(self, report: EdgeReport | HoleReport) -> bool:
         missing = report.step is None or report.visible_fraction < LOST
-        return missing and not faint(report, self.faint_below)
+        unsure = report.crowded or faint(report, self.faint_below)
+        return missing and not unsure
 
-    def _pale(self, report: EdgeReport | HoleReport) -> bool:
+    def is_pale(self, report: EdgeReport | HoleReport) -> bool:
+        """Without contrast, as predicted or as seen."""
         return faint(report, self.faint_below) or report.snr < SMALLEST_SNR
 
 
@@ -68,26 +76,36 @@ def judge(
     )
     if finding is not None:
         return "fail", finding
-    pale = reports.pale()
+    pale, crowded = reports.pale(), reports.crowded()
     if pale:
-        text = f"{', '.join(pale)}: too little contrast in this light"
+        text = f"{_listed(pale)}: too little contrast in this light"
         return "not measurable", Finding("low contrast", text)
+    if crowded:
+        text = f"{_listed(crowded)}: another line is too close beside it"
+        return "not measurable", Finding("resolution", text)
     missing = reports.unmeasured()
     if missing:
-        text = f"{', '.join(missing)}: an end is not marked by any visible edge"
+        text = f"{_listed(missing)}: an end is not marked by any visible edge"
         return "not measurable", Finding("no end found", text)
     return "pass", None
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    """The first few of some names, each once."""
+    once = list(dict.fromkeys(names))
+    more = len(once) - _MOST_NAMES
+    return ", ".join(once[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 def _first_broken(expectation: ViewExpectation, reports: Reports) -> Finding | None:
     pale = reports.pale()
     for edge in reports.edges:
         broken = broken_promises(edge, expectation)
-        if broken and edge.name not in pale:
+        if broken and edge.name not in pale and not edge.crowded:
             return _named(edge.name, edge.saturated, broken)
     for hole in reports.holes:
         broken = broken_by_hole(hole, expectation)
-        if broken and hole.feature not in pale:
+        if broken and not hole.crowded and not reports.is_pale(hole):
             return _named(hole.feature, hole.saturated, broken)
     for point in reports.points:
         if point.offset_px is not None and point.offset_px > point.allowed_offset_px:
