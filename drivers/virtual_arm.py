@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from typing import TYPE_CHECKING, ClassVar, NoReturn, Self
 
 import numpy as np
 from pydantic import Field
 
+from drivers.virtual_link import Link
 from drivers.virtual_motion import StraightMove
 from drivers.virtual_world import VirtualWorld, world_of
 from mvp.devices import ArmState, DeviceContext, DeviceInfo, Role
-from mvp.errors import (
-    ConnectError,
-    DeviceFault,
-    DeviceTimeout,
-    LimitError,
-    MotionStopped,
-)
+from mvp.errors import DeviceFault, DeviceTimeout, LimitError, MotionStopped
 from mvp.fileedge import FileModel
 from mvp.kinematics import arm_model
 
@@ -26,7 +22,8 @@ if TYPE_CHECKING:
 
     from mvp.geometry import FloatArray
 
-_ARRIVED = 1e-6
+_LOG = logging.getLogger(__name__)
+_ARRIVED = 1e-6  # rad or mm: the simulated encoders do not round
 
 
 class VirtualArmConfig(FileModel):
@@ -50,10 +47,7 @@ class VirtualArm:
         self._world = world
         self._clock = world.clock
         self._model = arm_model(world.belief.arm_model)
-        self._lock = threading.Lock()
-        self._stop = threading.Event()
-        self._open = False
-        self._moving = False
+        self._link = Link(name, world.clock)
         self._tripped = False
 
     @classmethod
@@ -73,19 +67,16 @@ class VirtualArm:
         Raises:
             ConnectError: it has been made unreachable.
         """
-        if self._world.faults.arm.unreachable:
-            raise ConnectError(
-                "nobody answers",
-                device=self.name,
-                hint="is the controller switched on?",
-            )
-        self._open = True
+        self._link.open(
+            unreachable=self._world.faults.arm.unreachable,
+            hint="is the controller switched on?",
+        )
 
     def close(self) -> None:
         """Disconnect; a motion in progress is stopped."""
-        if self._open:
+        if self._link.is_open:
             self.stop()
-        self._open = False
+        self._link.close()
 
     def __enter__(self) -> Self:
         self.open()
@@ -111,7 +102,7 @@ class VirtualArm:
         Raises:
             ConnectError: not open.
         """
-        self._require_open()
+        self._link.require_open()
         now = self._clock.now_s()
         joints = self._world.arm_joints(now)
         return ArmState(
@@ -133,25 +124,23 @@ class VirtualArm:
         Raises:
             LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
         """
-        self._require_open()
+        self._link.require_open()
         self._refuse_when_tripped()
         target = self._checked(joints)
         fraction = self._fraction(speed_fraction)
-        deadline = self._clock.now_s() + timeout_s
-        with self._lock:
-            if self._moving:
-                raise DeviceFault("a motion is in progress already", device=self.name)
-            self._moving = True
-            self._stop.clear()
-            end = self._world.begin_arm(
+        began = self._clock.now_s()
+        deadline = began + timeout_s
+        asked = target.tolist()
+        _LOG.debug("%s: sent to %s, %.2f of full speed", self.name, asked, fraction)
+        with self._link.busy(
+            lambda: self._world.begin_arm(
                 target, speed_fraction=fraction, t_s=self._clock.now_s()
             )
-        try:
+        ) as end:
             self._wait_until(end, deadline)
-            return self._arrived(target, deadline)
-        finally:
-            with self._lock:
-                self._moving = False
+            state = self._arrived(target, deadline)
+        _LOG.debug("%s: arrived after %.3f s", self.name, state.t_monotonic_s - began)
+        return state
 
     def duration_s(
         self,
@@ -172,15 +161,7 @@ class VirtualArm:
     def stop(self) -> None:
         """Brake now, from any thread."""
         self._world.stop_arm(self._clock.now_s())
-        with self._lock:
-            if self._moving:
-                self._stop.set()
-
-    def _require_open(self) -> None:
-        if not self._open:
-            raise ConnectError(
-                "not connected", device=self.name, hint="call open() first"
-            )
+        self._link.interrupt()
 
     def _fraction(self, speed_fraction: float) -> float:
         if not 0 < speed_fraction <= 1:
@@ -213,11 +194,9 @@ class VirtualArm:
             MotionStopped: ``stop`` was called; it stands by then.
             DeviceTimeout: the deadline comes first; it has been told to stop.
         """
-        until = min(end, deadline)
-        while (left := until - self._clock.now_s()) > 0:
-            if self._clock.wait(self._stop, left):
-                self._stand_still()
-                raise MotionStopped("stopped while it moved", device=self.name)
+        if not self._link.wait_until(min(end, deadline)):
+            self._stand_still()
+            raise MotionStopped("stopped while it moved", device=self.name)
         if end > deadline:
             self._late()
 
@@ -238,7 +217,7 @@ class VirtualArm:
 
     def _arrived(self, target: FloatArray, deadline: float) -> ArmState:
         """The state at the target, or the fault that kept it from there."""
-        if self._stop.is_set():
+        if self._link.interrupted:
             raise MotionStopped("stopped while it moved", device=self.name)
         state = self.state()
         if np.abs(np.array(state.joints) - target).max() <= _ARRIVED:
@@ -247,9 +226,8 @@ class VirtualArm:
             self._tripped = True
             self._refuse_when_tripped()
         # It stalled: nothing more will happen before the deadline.
-        while (left := deadline - self._clock.now_s()) > 0:
-            if self._clock.wait(self._stop, left):
-                raise MotionStopped("stopped while it moved", device=self.name)
+        if not self._link.wait_until(deadline):
+            raise MotionStopped("stopped while it moved", device=self.name)
         self._late()
 
     def _refuse_when_tripped(self) -> None:

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 import math
-import threading
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from pydantic import Field
 
+from drivers.virtual_link import Link
 from drivers.virtual_world import VirtualWorld, world_of
 from mvp.devices import DeviceContext, DeviceInfo, Frame, Role
-from mvp.errors import (
-    ConnectError,
-    DeviceFault,
-    DeviceTimeout,
-    LimitError,
-    MotionStopped,
-)
+from mvp.errors import DeviceFault, DeviceTimeout, LimitError, MotionStopped
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_SAME = 1e-6
+_LOG = logging.getLogger(__name__)
+_SAME = 1e-6  # of the exposure: read back as it was set
 _FULL_SCALE = 255
 
 
@@ -50,10 +46,7 @@ class VirtualCamera:
         self._config = config
         self._world = world
         self._clock = world.clock
-        self._stop = threading.Event()
-        self._lock = threading.Lock()
-        self._open = False
-        self._waiting = False
+        self._link = Link(name, world.clock)
         self._exposure_s = max(0.01, config.exposure_min_s)
         self._gain = 1.0
         self._began_s = 0.0
@@ -78,19 +71,19 @@ class VirtualCamera:
         Raises:
             ConnectError: it has been made unreachable.
         """
-        if self._world.faults.camera.unreachable:
-            raise ConnectError(
-                "nobody answers", device=self.name, hint="check cable and supply"
-            )
-        if not self._open:
-            self._open = True
+        running = self._link.is_open
+        self._link.open(
+            unreachable=self._world.faults.camera.unreachable,
+            hint="check cable and supply",
+        )
+        if not running:
             self._restart()
 
     def close(self) -> None:
         """Disconnect; safe to repeat."""
-        if self._open:
+        if self._link.is_open:
             self.stop()
-        self._open = False
+        self._link.close()
 
     def __enter__(self) -> Self:
         self.open()
@@ -113,9 +106,7 @@ class VirtualCamera:
 
     def stop(self) -> None:
         """Give up waiting for a frame, from any thread."""
-        with self._lock:
-            if self._waiting:
-                self._stop.set()
+        self._link.interrupt()
 
     def exposure_range_s(self) -> tuple[float, float]:
         """Shortest and longest exposure."""
@@ -128,7 +119,7 @@ class VirtualCamera:
             LimitError: outside the camera's range.
             DeviceFault: the value read back differs.
         """
-        self._require_open()
+        self._link.require_open()
         low, high = self.exposure_range_s()
         if not low <= exposure_s <= high:
             raise LimitError(
@@ -151,6 +142,7 @@ class VirtualCamera:
                 hint="another program may be using the camera",
             )
         self._exposure_s, self._gain = exposure_s, gain
+        _LOG.debug("%s: exposes %.6f s, gain %.2f", self.name, exposure_s, gain)
         self._restart()
 
     def capture(self, *, not_before_s: float, timeout_s: float) -> Frame:
@@ -158,28 +150,16 @@ class VirtualCamera:
 
         Raises:
             DeviceTimeout: no such frame in time.
+            DeviceFault: another capture is in progress.
             MotionStopped: ``stop`` was called while it waited.
         """
-        self._require_open()
-        deadline = self._clock.now_s() + timeout_s
-        with self._lock:
-            self._waiting = True
-            self._stop.clear()
-        try:
-            return self._next_frame(not_before_s, deadline)
-        finally:
-            with self._lock:
-                self._waiting = False
+        self._link.require_open()
+        with self._link.busy(self._clock.now_s) as began_s:
+            return self._next_frame(not_before_s, began_s + timeout_s)
 
     @property
     def _period_s(self) -> float:
         return max(self._config.period_s, self._exposure_s + self._config.readout_s)
-
-    def _require_open(self) -> None:
-        if not self._open:
-            raise ConnectError(
-                "not connected", device=self.name, hint="call open() first"
-            )
 
     def _restart(self) -> None:
         """Begin exposing frame after frame with the present settings."""
@@ -220,12 +200,8 @@ class VirtualCamera:
 
     def _wait_until(self, moment: float, deadline: float) -> None:
         """Wait for a moment, unless the deadline or ``stop`` comes first."""
-        until = min(moment, deadline)
-        while (left := until - self._clock.now_s()) > 0:
-            if self._clock.wait(self._stop, left):
-                raise MotionStopped(
-                    "stopped while waiting for a frame", device=self.name
-                )
+        if not self._link.wait_until(min(moment, deadline)):
+            raise MotionStopped("stopped while waiting for a frame", device=self.name)
         if moment > deadline:
             raise DeviceTimeout(
                 "no frame in time",
@@ -244,6 +220,13 @@ class VirtualCamera:
         )
         self._last_id = frame_id
         self._delivered += 1
+        _LOG.debug(
+            "%s: frame %d began at %.4f s, %d dropped before it",
+            self.name,
+            frame_id,
+            start_s,
+            dropped,
+        )
         return Frame(
             pixels=pixels,
             full_scale=_FULL_SCALE,

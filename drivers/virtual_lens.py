@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import threading
+import logging
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from pydantic import Field
 
+from drivers.virtual_link import Link
 from drivers.virtual_world import VirtualWorld, world_of
 from mvp.devices import AXES, Axis, DeviceContext, DeviceInfo, LensState, Role
-from mvp.errors import (
-    ConnectError,
-    DeviceFault,
-    DeviceTimeout,
-    LimitError,
-    MotionStopped,
-)
+from mvp.errors import DeviceFault, DeviceTimeout, LimitError, MotionStopped
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
     from mvp.calibrated import AxisTable
 
-_OVERSHOOT = 1.5
+_LOG = logging.getLogger(__name__)
+_OVERSHOOT = 1.5  # of the backlash, so that the last leg has taken it up for certain
 _OVERSHOOT_STEPS = 4
 
 
@@ -51,11 +47,8 @@ class VirtualLens:
         self._config = config
         self._world = world
         self._clock = world.clock
-        self._lock = threading.Lock()
-        self._stop = threading.Event()
-        self._open = False
+        self._link = Link(name, world.clock)
         self._homed = False
-        self._moving = False
         # Whether the last motion ended from the side of the table on every axis.
         self._engaged = False
         table = world.belief.lens_table
@@ -87,17 +80,16 @@ class VirtualLens:
         Raises:
             ConnectError: it has been made unreachable.
         """
-        if self._world.faults.lens.unreachable:
-            raise ConnectError(
-                "nobody answers", device=self.name, hint="check cable and supply"
-            )
-        self._open = True
+        self._link.open(
+            unreachable=self._world.faults.lens.unreachable,
+            hint="check cable and supply",
+        )
 
     def close(self) -> None:
         """Disconnect; motors in motion are stopped."""
-        if self._open:
+        if self._link.is_open:
             self.stop()
-        self._open = False
+        self._link.close()
 
     def __enter__(self) -> Self:
         self.open()
@@ -127,7 +119,7 @@ class VirtualLens:
         Raises:
             ConnectError: not open.
         """
-        self._require_open()
+        self._link.require_open()
         now = self._clock.now_s()
         motors = self._world.lens_motors(now)
         return LensState(
@@ -144,7 +136,7 @@ class VirtualLens:
         Raises:
             DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
         """
-        self._require_open()
+        self._link.require_open()
         lowest: dict[Axis, tuple[float, ...]] = {
             axis: (float(low),) for axis, (low, _) in self.limits().items()
         }
@@ -173,7 +165,7 @@ class VirtualLens:
         Raises:
             LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
         """
-        self._require_open()
+        self._link.require_open()
         self.check_steps(zoom=zoom, focus=focus, iris=iris)
         if not self._is_homed():
             raise LimitError(
@@ -192,15 +184,7 @@ class VirtualLens:
     def stop(self) -> None:
         """Stop the motors now, from any thread."""
         self._world.stop_lens(self._clock.now_s())
-        with self._lock:
-            if self._moving:
-                self._stop.set()
-
-    def _require_open(self) -> None:
-        if not self._open:
-            raise ConnectError(
-                "not connected", device=self.name, hint="call open() first"
-            )
+        self._link.interrupt()
 
     def _is_homed(self) -> bool:
         return self._homed and not self._world.faults.lens.loses_home
@@ -219,25 +203,18 @@ class VirtualLens:
 
     def _drive(self, points: dict[Axis, tuple[float, ...]], timeout_s: float) -> None:
         """Drive all axes and wait."""
-        deadline = self._clock.now_s() + timeout_s
-        with self._lock:
-            if self._moving:
-                raise DeviceFault("a motion is in progress already", device=self.name)
-            self._moving = True
-            self._stop.clear()
-            end = self._world.begin_lens(points, self._rates, self._clock.now_s())
-        try:
+        began = self._clock.now_s()
+        deadline = began + timeout_s
+        _LOG.debug("%s: driven through %s", self.name, points)
+        with self._link.busy(
+            lambda: self._world.begin_lens(points, self._rates, self._clock.now_s())
+        ) as end:
             self._wait_until(end, deadline)
-        finally:
-            with self._lock:
-                self._moving = False
+        _LOG.debug("%s: stood after %.3f s", self.name, self._clock.now_s() - began)
 
     def _wait_until(self, end: float, deadline: float) -> None:
-        until = min(end, deadline)
-        while (left := until - self._clock.now_s()) > 0:
-            if self._clock.wait(self._stop, left):
-                break
-        if self._stop.is_set():
+        self._link.wait_until(min(end, deadline))
+        if self._link.interrupted:
             raise MotionStopped("stopped while it moved", device=self.name)
         if end > deadline:
             self._world.stop_lens(self._clock.now_s())

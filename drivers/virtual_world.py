@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 _SMEAR_PX = 0.7
 _INSTANTS = (5, 41)
 _KEPT_PICTURES = 2
-_VERTEX_MM = 1e-3
 
 
 @dataclass(frozen=True, eq=False)

@@ -112,6 +112,7 @@ class CellEngine:
     def prepare(self) -> None:
         """Check everything; moves nothing."""
         self._preflight()
+        _LOG.info("run: all checks before the first motion passed")
 
     def move(self, view: PlannedView) -> None:
         """Drive the arm to the view along the checked path and let it settle.
@@ -125,12 +126,20 @@ class CellEngine:
             expected_s = arm.duration_s(state.joints, target)
             timeout_s = 2 * expected_s + _ARM_SPARE_S
             self._motion = f"the arm on its way to {view.id}, for {timeout_s:.0f} s"
-            _LOG.info("%s: moving towards %s: %s", arm.name, view.id, target)
+            _LOG.info(
+                "%s: towards %s, asked %s, should take %.2f s",
+                arm.name,
+                view.id,
+                _rounded(target),
+                expected_s,
+            )
             if self._stopped.is_set():
                 raise MotionStopped("stopped before it moved", device=arm.name)
             state = arm.move_joints(target, timeout_s=timeout_s)
         self._check_arm(view, state)
-        _LOG.info("%s: stands at %s", arm.name, view.id)
+        _LOG.info(
+            "%s: stands at %s, reached %s", arm.name, view.id, _rounded(state.joints)
+        )
         self._motion = ""
         self._arm_standing_s = self._devices.clock.now_s()
         self._wait(self._settle_s[0], "arm")
@@ -144,8 +153,10 @@ class CellEngine:
         lens = self._devices.lens
         self._motion = f"the lens, for up to {_LENS_TIMEOUT_S:.0f} s"
         if not lens.state().homed:
+            _LOG.info("%s: homing", lens.name)
             lens.home(timeout_s=_LENS_TIMEOUT_S)
         steps = view.lens_steps
+        _LOG.info("%s: towards %s, asked %s", lens.name, view.id, steps.model_dump())
         state = lens.move_steps(
             zoom=steps.zoom,
             focus=steps.focus,
@@ -153,7 +164,7 @@ class CellEngine:
             timeout_s=_LENS_TIMEOUT_S,
         )
         self._check_lens(view, state)
-        _LOG.info("%s: stands at %s", lens.name, state.steps())
+        _LOG.info("%s: stands at %s, reached %s", lens.name, view.id, state.steps())
         self._motion = ""
         self._lens_standing_s = self._devices.clock.now_s()
         self._wait(self._settle_s[1], "lens")
@@ -173,12 +184,16 @@ class CellEngine:
         self._check_lens(view, lens)
         image, sha256 = self._store(view.id, frame)
         _LOG.info(
-            "%s: %s kept as %s, %.6f s (%s)",
+            "%s: %s kept as %s, frame %d, exposure %.6f s (%s), gain %.2f, begun "
+            "%.4f s after all stood",
             self._devices.camera.name,
             view.id,
             image,
+            frame.frame_id,
             frame.exposure_s,
             exposure.source,
+            frame.gain,
+            frame.exposure_start_s - max(self._arm_standing_s, self._lens_standing_s),
         )
         return Captured(
             view=view.id,
@@ -204,7 +219,9 @@ class CellEngine:
 
     def verify(self, view: PlannedView, captured: Captured) -> Verified:
         """Measure in the picture; never raises for a poor picture."""
-        return self._verifier(view, captured)
+        verified = self._verifier(view, captured)
+        _LOG.info("%s: %s%s", view.id, verified.verdict, _because(verified))
+        return verified
 
     def stop(self) -> Sequence[Exception]:
         """Stop all three devices, from any thread; every path is tried."""
@@ -266,6 +283,15 @@ class CellEngine:
                 hint="home the lens with `mvp-cell home CELL` and look for a slipping "
                 "gear",
             )
+
+
+def _rounded(joints: Sequence[float]) -> list[float]:
+    """Joints for a log line, to 1e-5 rad or mm."""
+    return [round(float(j), 5) for j in joints]
+
+
+def _because(verified: Verified) -> str:
+    return f", because {verified.cause}" if verified.cause else ""
 
 
 def _reached(arm: ArmState, lens: LensState) -> Reached:

@@ -10,9 +10,12 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
 
+    from mvp.devices import DeviceInfo
+
+_LOG = logging.getLogger(__name__)
 _LOGGERS = ("mvp", "drivers", "calibration")
 
 
@@ -58,3 +61,17 @@ def log_to(path: Path, run_id: str) -> Iterator[None]:
             logger.removeHandler(handler)
             logger.setLevel(levels[name])
         handler.close()
+
+
+def log_devices(infos: Iterable[DeviceInfo]) -> None:
+    """Say who answered, one line a device."""
+    for info in infos:
+        _LOG.info(
+            "%s: %s, %s, serial %s, firmware %s%s",
+            info.name,
+            info.driver,
+            info.model,
+            info.serial,
+            info.firmware,
+            " (simulated)" if info.simulated else "",
+        )

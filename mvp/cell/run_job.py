@@ -7,6 +7,7 @@ checked, and nothing moves before the folder that keeps the results exists.
 from __future__ import annotations
 
 import hashlib
+import logging
 import re
 import threading
 import time
@@ -21,7 +22,7 @@ from mvp.cell.durable import check_writable, write_durably
 from mvp.cell.engine import CellEngine
 from mvp.cell.hardware import WorldBodies, build_devices, check_serials, opened
 from mvp.cell.lock import cell_lock
-from mvp.cell.logs import log_to
+from mvp.cell.logs import log_devices, log_to
 from mvp.cell.preflight import Routes, check_limits
 from mvp.cell.records import DeviceRecord, InputHashes, RecordLog, RunStarted
 from mvp.cell.run_document import RunDocument, ViewDocument, run_document
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from mvp.devices import DeviceInfo
     from mvp.planning.plan import Plan, PlannedView
 
+_LOG = logging.getLogger(__name__)
 _RUN_OVERHEAD_BYTES = 50_000_000
 _BYTES_PER_PIXEL = 4
 
@@ -277,6 +279,7 @@ class Session:
         """Take the views and write the result."""
         began = time.perf_counter()
         with log_to(folder.log_file, folder.run_id):
+            self._log_start(plan, views)
             write_document(self.setting, folder, plan, {})
             runner = Runner(
                 self._engine(folder, views),
@@ -288,7 +291,20 @@ class Session:
             outcome = _in_thread(runner, self.watcher.follow)
             timing = {"run": time.perf_counter() - began, "plan": plan.timing_s.total}
             document = write_document(self.setting, folder, plan, timing)
+            _LOG.info("run: %s after %.2f s", document.status, timing["run"])
         return RunResult(self.setting, document, folder, outcome)
+
+    def _log_start(self, plan: Plan, views: Sequence[PlannedView]) -> None:
+        _LOG.info(
+            "run: cell %s%s, task %s, part %s, %s plan, to take: %s",
+            plan.cell.name,
+            " (simulated)" if plan.cell.simulated else "",
+            self.setting.task.config.name,
+            self.setting.scene.part.sha256[:12],
+            plan.status,
+            ", ".join(view.id for view in views),
+        )
+        log_devices(self.infos.values())
 
     def _engine(self, folder: RunFolder, views: Sequence[PlannedView]) -> CellEngine:
         settle = self.setting.cell.config.settle

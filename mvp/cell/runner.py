@@ -138,9 +138,11 @@ class Runner:
         """Stop before the next view."""
         with self._changed:
             self._pause_asked = True
+        _LOG.info("run: told to pause before the next view")
 
     def resume(self) -> None:
         """Go on after a pause."""
+        _LOG.info("run: told to go on")
         with self._changed:
             self._pause_asked = False
             if self._status.state is RunState.PAUSED:
@@ -155,6 +157,7 @@ class Runner:
         with self._changed:
             self._abort_asked = True
             self._changed.notify_all()
+        _LOG.warning("run: told to stop now")
         self._stop_devices()
         if threading.get_ident() == self._worker:
             return
@@ -211,9 +214,14 @@ class Runner:
         """Where a pause takes effect."""
         with self._changed:
             self._status = replace(self._status, view=view.id)
-            if (self._pause_asked or self._step) and not self._abort_asked:
+            paused = (self._pause_asked or self._step) and not self._abort_asked
+            if paused:
                 self._pause_asked = True
                 self._enter_locked(RunState.PAUSED)
+        if paused:
+            self._tell()
+        with self._changed:
+            if paused:
                 self._changed.wait_for(
                     lambda: self._abort_asked or not self._pause_asked
                 )
@@ -269,6 +277,7 @@ class Runner:
         further: list[Exception] = []
         if error is not None:
             may_still_move = self._engine.may_still_move()
+            _log_end(error, reason, may_still_move)
             further += self._stop_devices()
             fault = _fault(error, may_still_move)
             further += _present(self._guarded(lambda: self._journal.write(fault)))
@@ -280,6 +289,9 @@ class Runner:
         with self._changed:
             self._status = replace(self._status, reason=reason)
         self._enter(RunState.FINISHED)
+        _LOG.info(
+            "run: ended (%s), %d captured, %d passed", reason, self._captured, passed
+        )
         return further
 
     # ------------------------------------------------------------ helpers
@@ -313,12 +325,32 @@ class Runner:
         self._changed.notify_all()
 
     def _tell(self) -> None:
+        status = self.status
+        _LOG.info(
+            "run: %s, view %s, %d of %d done",
+            status.state.value,
+            status.view or "none yet",
+            status.index,
+            status.total,
+        )
         if self._on_status is None:
             return
         try:
-            self._on_status(self.status)
+            self._on_status(status)
         except Exception:
             _LOG.exception("a status listener failed")
+
+
+def _log_end(error: Exception, reason: FinishReason, may_still_move: str) -> None:
+    """Why a run ended early; with a traceback where it is a defect of ours."""
+    _LOG.error(
+        "run: %s: %s: %s%s",
+        reason,
+        type(error).__name__,
+        error,
+        f"; may still move: {may_still_move}" if may_still_move else "",
+        exc_info=None if isinstance(error, MvpCellError) else error,
+    )
 
 
 def _fault(error: Exception, may_still_move: str) -> Fault:

@@ -89,6 +89,27 @@ def run(
     return start_run(setting, prepared.plan, RunOptions(tmp_path / "runs"), watcher)
 
 
+STORY = (
+    "run: moving, view v1, 0 of 1 done",
+    "arm: towards v1, asked [",
+    "arm: stands at v1, reached [",
+    "run: adjusting",
+    "lens: towards v1, asked {",
+    "lens: stands at v1, reached {",
+    "run: capturing",
+    "camera: v1 kept as images/v1.png",
+    "run: verifying",
+    "v1: pass",
+)
+
+
+def told(folder: Path, *story: str) -> bool:
+    """Whether the log has lines that begin so, in this order."""
+    text = (folder / "log.jsonl").read_text()
+    messages = iter([json.loads(line)["message"] for line in text.splitlines()])
+    return all(any(m.startswith(part) for m in messages) for part in story)
+
+
 def test_a_run_keeps_everything_and_verifies_every_edge(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -119,8 +140,12 @@ def test_a_run_keeps_everything_and_verifies_every_edge(
     assert taken.times.exposure_start_s >= taken.times.not_before_s
     assert taken.times.not_before_s >= taken.times.lens_standing_s
     assert taken.exposure_source == "metered"
-    for line in (folder / "log.jsonl").read_text().splitlines():
-        assert json.loads(line)["run"] == document.run_id
+    lines = [json.loads(x) for x in (folder / "log.jsonl").read_text().splitlines()]
+    assert {line["run"] for line in lines} == {document.run_id}
+    assert told(folder, "run: preparing", *STORY, "run: ended (completed)")
+    by_arm = [x["message"] for x in lines if x["logger"] == "drivers.virtual_arm"]
+    assert by_arm
+    assert all(message.startswith("arm: ") for message in by_arm)
     assert invoke(["runs", "--out", str(out), "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["runs"]
     assert [r["run_id"] for r in listed] == [document.run_id]
@@ -163,6 +188,7 @@ def test_after_a_device_fault_nothing_more_is_commanded(
     assert records[-2].where == device
     assert [r.view for r in records if isinstance(r, ViewStarted)] == ["v1"]
     assert not [r for r in records if isinstance(r, Captured)]
+    assert told(result.folder.path, "run: moving, view v1", "run: fault: ", "run: ended")
 
 
 @pytest.mark.parametrize("state", [RunState.MOVING, RunState.ADJUSTING])
