@@ -92,8 +92,8 @@ class SeenContrast:
         more = len(self.crowded) - 1
         others = f" (and beside {more} more lines)" if more else ""
         return [
-            f"another line is only a few pixels beside {self.crowded[0]}{others}: expect "
-            "'not measurable'; ask for a finer detail to bring the camera nearer"
+            f"another line is only a few pixels beside {self.crowded[0]}{others}: it may "
+            "not be measurable; ask for a finer detail to bring the camera nearer"
         ]
 
     def _faint_note(self) -> list[str]:

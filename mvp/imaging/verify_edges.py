@@ -26,6 +26,7 @@ LOST = 0.75
 PARTLY = 0.1
 SATURATED = 0.05
 _TWO_SIGMA = 1.96
+_NEARLY_WHOLE = 0.95
 
 
 def blur_of(found: EdgeMeasurement | None, predicted_px: float, c_px: float) -> Blur:
@@ -166,8 +167,8 @@ def _notes(
             notes.append(f"{word} not measured: {end.reason}")
     if found.saturated > SATURATED:
         notes.append(f"{found.saturated:.0%} of its pixels are saturated: no blur")
-    if edge.whole is not None:
-        share = edge.length_px / edge.asked.length_px
+    share = edge.length_px / edge.asked.length_px
+    if share < _NEARLY_WHOLE:
         notes.append(f"what lies behind it changes; measured on {share:.0%} of it")
     if not edge.visible.all():
         notes.append(f"the plan itself shows only {edge.visible.mean():.0%} of it")

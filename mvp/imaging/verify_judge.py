@@ -42,10 +42,21 @@ class Reports:
         pale = [e.name for e in self.edges if self.is_pale(e)]
         return tuple(pale + [h.feature for h in self.holes if self.is_pale(h)])
 
-    def crowded(self) -> tuple[str, ...]:
-        """Features beside which another line runs too close to tell them apart."""
-        close = [e.name for e in self.edges if e.crowded]
-        return tuple(close + [h.feature for h in self.holes if h.crowded])
+    def crowded(self, expectation: ViewExpectation) -> tuple[str, ...]:
+        """Features not found as planned while another line runs close beside them."""
+        close = [
+            e.name
+            for e in self.edges
+            if e.crowded and (e.step is None or broken_promises(e, expectation))
+        ]
+        return tuple(
+            close
+            + [
+                h.feature
+                for h in self.holes
+                if h.crowded and (h.step is None or broken_by_hole(h, expectation))
+            ]
+        )
 
     def unmeasured(self) -> tuple[str, ...]:
         """Features whose size or place was not found."""
@@ -76,7 +87,7 @@ def judge(
     )
     if finding is not None:
         return "fail", finding
-    pale, crowded = reports.pale(), reports.crowded()
+    pale, crowded = reports.pale(), reports.crowded(expectation)
     if pale:
         text = f"{_listed(pale)}: too little contrast in this light"
         return "not measurable", Finding("low contrast", text)
