@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import qmc
 
 from mvp.imaging.diffraction import radius_of_energy
 from mvp.optics.thick_lens import principal_distance_mm, signed_blur_mm
@@ -100,6 +99,8 @@ def joint_samples(
     Opposites keep the mean of every part at zero, so that few samples do not shift the
     picture; the places within the pixel still lie on distinct rows and columns.
     """
+    from scipy.stats import qmc
+
     half = count // 2
     unit = qmc.Sobol(6, scramble=False).random(half) + 0.5 / half
     pupil = _disc(np.sqrt(unit[:, 2]) * optics.a_mm / 2, unit[:, 3])

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import minimize
 
 if TYPE_CHECKING:
     from mvp.geometry import FloatArray
@@ -91,6 +90,8 @@ class _Local:
 
     def best(self) -> Views:
         """Where SLSQP ends from the centre."""
+        from scipy.optimize import minimize
+
         merit, chart = self._model.merit, self._model.chart
         start = np.zeros(self._n + self._groups)
         start[self._n :] = merit.group_values(self._linear.index)[0]

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from scipy.stats import qmc
 
 from mvp.geometry import FeaturePiece
 from mvp.visibility.culling import OwnFaces, feature_samples
@@ -48,6 +47,8 @@ class Binding:
 
     @cached_property
     def _viewpoints(self) -> FloatArray:
+        from scipy.stats import qmc
+
         sequence = qmc.Sobol(3, scramble=False).random_base2(_VIEWPOINTS_LOG2)
         inside = self.workspace.low_mm + sequence * self.workspace.size_mm
         return np.asarray(inside)
