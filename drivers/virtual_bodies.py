@@ -6,9 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mvp.geometry import Box, Pose, TriangleMesh
+from mvp.geometry import (
+    Box,
+    Pose,
+    TriangleMesh,
+    box_mesh,
+)
 from mvp.imaging import RenderBody
-from mvp.kinematics import box_mesh
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

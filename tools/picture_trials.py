@@ -8,7 +8,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from mvp.geometry import Box, FloatArray, Pose, TriangleMesh
+from mvp.geometry import Box, FloatArray, Pose, TriangleMesh, box_mesh
 from mvp.imaging import (
     Illumination,
     RenderBody,
@@ -265,16 +265,6 @@ def turned_at_flange(setting: Setting, axis: FloatArray, angle_deg: float) -> Se
     return replace(setting, pose=setting.pose @ moved)
 
 
-def box_mesh(box: Box) -> TriangleMesh:
-    """Twelve triangles."""
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4)]
-    quads.append((1, 5, 7, 3))
-    faces = [f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))]
-    return TriangleMesh(
-        box.corners(), np.array(faces), np.repeat(np.arange(6), 2), "plate"
-    )
-
-
 def _occluded(stage: Stage, true: Setting, rng: np.random.Generator) -> RenderScene:
     """A small plate in front of a part of one feature."""
     feature = stage.features[rng.integers(2)]
@@ -284,7 +274,7 @@ def _occluded(stage: Stage, true: Setting, rng: np.random.Generator) -> RenderSc
     share = rng.uniform(0.35, 0.65)
     half = (1 - share) * np.array([rng.uniform(5, 9), rng.uniform(5, 9), 0.5])
     camera = true.pose.inverse().apply(place) * share
-    plate = box_mesh(Box(-half, half)).moved(
+    plate = box_mesh(Box(-half, half), name="plate").moved(
         true.pose
         @ Pose.from_rotvec("camera", "plate", [0, 0, rng.uniform(0, np.pi)], camera)
     )

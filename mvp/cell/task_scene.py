@@ -16,8 +16,13 @@ from mvp.cell.task_config import (
     Resolution,
 )
 from mvp.errors import FeatureError, GeometryError
-from mvp.geometry import Box, LoadedPart, TriangleMesh, load_part
-from mvp.kinematics import box_mesh
+from mvp.geometry import (
+    Box,
+    LoadedPart,
+    TriangleMesh,
+    box_mesh,
+    load_part,
+)
 from mvp.scene import (
     Scene,
     edge_feature,

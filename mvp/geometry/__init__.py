@@ -6,7 +6,7 @@ from mvp.geometry.convex import Facing, FeaturePiece
 from mvp.geometry.edges import EdgeTable, edge_table
 from mvp.geometry.healing import HealingReport, healed
 from mvp.geometry.loading import EXTENSIONS, LoadedPart, load_part
-from mvp.geometry.mesh import TriangleMesh, concatenated
+from mvp.geometry.mesh import TriangleMesh, box_mesh, concatenated
 from mvp.geometry.patches import face_groups, planar_patches
 from mvp.geometry.pose import Pose
 from mvp.geometry.stl import write_stl
@@ -29,6 +29,7 @@ __all__ = [
     "Units",
     "UnitsSource",
     "as_points",
+    "box_mesh",
     "concatenated",
     "edge_table",
     "face_groups",

@@ -14,6 +14,11 @@ from mvp.geometry.box import Box
 if TYPE_CHECKING:
     from mvp.geometry.pose import Pose
 
+# Sides of a box by the order of ``Box.corners``, counter-clockwise from outside.
+_BOX_SIDES = np.array(
+    [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+)
+
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
@@ -84,6 +89,12 @@ class TriangleMesh:
             self.face_ids,
             self.name,
         )
+
+
+def box_mesh(box: Box, *, name: str) -> TriangleMesh:
+    """A box as a closed mesh with outward faces."""
+    faces = _BOX_SIDES[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    return TriangleMesh(box.corners(), faces, np.arange(12) // 2, name)
 
 
 def concatenated(meshes: list[TriangleMesh], *, name: str = "scene") -> TriangleMesh:

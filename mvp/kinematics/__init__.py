@@ -14,7 +14,6 @@ from mvp.kinematics.clearance import (
     Nearest,
     Obstacle,
     blocked_sight,
-    box_mesh,
     obstacles,
 )
 from mvp.kinematics.gantry import Gantry
@@ -57,7 +56,6 @@ __all__ = [
     "base_from_part",
     "base_from_tool",
     "blocked_sight",
-    "box_mesh",
     "camera_rotation",
     "carried",
     "find_path",

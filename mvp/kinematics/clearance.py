@@ -12,38 +12,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mvp.geometry import Box, FloatArray, IntArray, TriangleMesh
+from mvp.geometry import FloatArray, IntArray, TriangleMesh, box_mesh
 from mvp.kinematics.capsule import Capsule, Capsules, carried
 from mvp.kinematics.distance import TriangleBlocks, segment_segment
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mvp.geometry import BoolArray
+    from mvp.geometry import BoolArray, Box
     from mvp.kinematics.model import ArmModel
 
 FAR_MM = 250.0
-_BOX_FACES = np.array(
-    [
-        [0, 1, 3],
-        [0, 3, 2],
-        [4, 6, 7],
-        [4, 7, 5],
-        [0, 4, 5],
-        [0, 5, 1],
-        [2, 3, 7],
-        [2, 7, 6],
-        [0, 2, 6],
-        [0, 6, 4],
-        [1, 5, 7],
-        [1, 7, 3],
-    ]
-)
-
-
-def box_mesh(box: Box, *, name: str) -> TriangleMesh:
-    """A box as a closed mesh with outward faces."""
-    return TriangleMesh(box.corners(), _BOX_FACES, np.arange(12) // 2, name)
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from mvp.devices import (
     load_driver,
     load_world,
 )
-from mvp.geometry import Box, Pose, TriangleMesh
+from mvp.geometry import Box, Pose, TriangleMesh, box_mesh
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -40,20 +40,6 @@ _PLACE = {
     "ur5e": (-491.9, -133.3, 60.0),
     "gantry_xyz_pan_tilt": (0.0, 0.0, 60.0),
 }
-_FACES = [
-    [0, 1, 3],
-    [0, 3, 2],
-    [4, 6, 7],
-    [4, 7, 5],
-    [0, 4, 5],
-    [0, 5, 1],
-    [2, 3, 7],
-    [2, 7, 6],
-    [0, 2, 6],
-    [0, 6, 4],
-    [1, 5, 7],
-    [1, 7, 3],
-]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +56,8 @@ class VirtualCell:
 
 
 def block(low_mm: tuple[float, ...], high_mm: tuple[float, ...]) -> TriangleMesh:
-    """A closed block, mm."""
-    corners = Box(np.array(low_mm), np.array(high_mm)).corners()
-    return TriangleMesh(corners, np.array(_FACES), np.arange(12) // 2, "block")
+    """A closed block between two corners, mm."""
+    return box_mesh(Box(np.array(low_mm), np.array(high_mm)), name="block")
 
 
 def example_belief(

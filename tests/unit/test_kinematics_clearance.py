@@ -2,7 +2,11 @@ import igl
 import numpy as np
 import pytest
 
-from mvp.geometry import Box, TriangleMesh
+from mvp.geometry import (
+    Box,
+    TriangleMesh,
+    box_mesh,
+)
 from mvp.kinematics import (
     Capsule,
     CellBodies,
@@ -11,7 +15,6 @@ from mvp.kinematics import (
     Obstacle,
     arm_model,
     blocked_sight,
-    box_mesh,
     find_path,
     obstacles,
     segment_clearance,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from mvp.geometry import Box, Pose
+from mvp.geometry import Box, Pose, box_mesh
 from mvp.imaging import (
     RenderBody,
     RenderScene,
@@ -31,7 +31,6 @@ from tools.picture_trials import (
     VIEW_NAMES,
     Setting,
     Stage,
-    box_mesh,
     metered_s,
     paper_setting,
     paper_stage,
@@ -235,7 +234,7 @@ def test_a_bright_plate_before_a_feature_is_called_occlusion(stage: Stage) -> No
     middle = setting.pose.inverse().apply(np.array([0.0, 0.0, 12.7]))
     place = Pose("camera", "plate", np.eye(3), middle * 0.4)
     half = np.array([2.6, 2.6, 0.5])
-    plate = box_mesh(Box(-half, half)).moved(setting.pose @ place)
+    plate = box_mesh(Box(-half, half), name="plate").moved(setting.pose @ place)
     bodies = [RenderBody(stage.mesh), RenderBody(plate, albedo=1.0)]
     result = verified(stage, "V_f", scene=RenderScene(bodies))
     assert result.verdict == "fail"

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
-from mvp.geometry import Box, FeaturePiece
-from mvp.kinematics import box_mesh
+from mvp.geometry import (
+    Box,
+    FeaturePiece,
+    box_mesh,
+)
 from mvp.scene import Scene, extract_features, paper_object
 from mvp.visibility import (
     NOTHING,
