@@ -59,8 +59,12 @@ def blocking_faces(
     for piece in pieces:
         seen = np.flatnonzero(found == NOTHING)
         found[seen[behind_own_faces(piece, points[seen])]] = OWN_FACES
+        before = np.flatnonzero(~soup.behind(piece))
+        rest = Soup.of(occluders.triangles_mm[before])
         for row in np.flatnonzero(found == NOTHING):
-            found[row] = _nearest_blocker(soup, occluders, piece, points[row])
+            index = before[_blocking(rest, piece.vertices_mm, points[row])]
+            if len(index):
+                found[row] = occluders.face_ids[_nearest(occluders, piece, index)]
     return found
 
 
@@ -91,26 +95,26 @@ def limiting_faces(region: Region, points_mm: ArrayLike) -> IntArray:
     return found
 
 
-def _nearest_blocker(
-    soup: Soup, occluders: Occluders, piece: FeaturePiece, point: FloatArray
-) -> int:
-    """Face id of the triangle in the way of one view point, or NOTHING."""
-    vertices = piece.vertices_mm
+def _blocking(soup: Soup, vertices: FloatArray, point: FloatArray) -> BoolArray:
+    """Triangles (m,) in the way between a view point (3,) and a piece."""
     blocking = np.zeros(len(soup.faces), dtype=np.bool_)
     for test in pyramid_tests(soup, vertices):
         for _, corners in test(point[None]):
             blocking |= _with_corners(soup, corners)
     if len(vertices) > 2:
         blocking |= _with_corners(soup, mouth_edges(soup, vertices))
-    if not blocking.any():
-        return NOTHING
-    heights = occluders.normals @ vertices.T - occluders.offsets_mm[:, None]
-    towards = blocking & (heights.max(axis=1) > occluders.side_tolerance_mm)
-    index = np.flatnonzero(towards if towards.any() else blocking)
+    return blocking
+
+
+def _nearest(occluders: Occluders, piece: FeaturePiece, index: IntArray) -> int:
+    """Of some triangles the nearest that looks at the piece, else the nearest."""
+    vertices = piece.vertices_mm
+    heights = occluders.normals[index] @ vertices.T - occluders.offsets_mm[index, None]
+    towards = heights.max(axis=1) > occluders.side_tolerance_mm
+    index = index[towards] if towards.any() else index
     middle = np.broadcast_to(vertices.mean(axis=0), (len(index), 3))
     away = from_closest(middle, occluders.triangles_mm[index])
-    nearest = index[np.einsum("ij,ij->i", away, away).argmin()]
-    return int(occluders.face_ids[nearest])
+    return int(index[np.einsum("ij,ij->i", away, away).argmin()])
 
 
 def _with_corners(soup: Soup, corners: IntArray) -> BoolArray:

@@ -83,10 +83,14 @@ class Occluders:
         """Nearest-vertex lookup."""
         return cKDTree(self.vertices_mm)
 
-    @property
+    @cached_property
     def side_tolerance_mm(self) -> float:
-        """Below this height over a plane a point counts as lying on it, mm."""
-        return _SIDE_SHARE * self.extent_mm
+        """Below this height over a plane a point counts as lying on it, mm.
+
+        Files in single precision round coordinates by this share of their size.
+        """
+        farthest = float(np.abs(self.vertices_mm).max(initial=0.0))
+        return _SIDE_SHARE * max(self.extent_mm, farthest)
 
     @property
     def merge_tolerance_mm(self) -> float:

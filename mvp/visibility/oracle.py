@@ -3,7 +3,7 @@
 A view point x sees a convex piece F whole if and only if no triangle meets the open
 pyramid between x and F. A triangle that does so has an edge through a side of the
 pyramid, or a corner inside it, or lets a side edge of the pyramid pass through it.
-Nothing here knows of hulls, solids, culling or single-precision rays.
+Nothing here knows of hulls, solids, silhouettes or single-precision rays.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ PyramidTest: TypeAlias = Callable[[FloatArray], Hits]
 _STRICT = 1e-9
 # Heights below this share of the scene's size are rounding: touching, not crossing.
 _TOUCHING = 1e-10
+# Heights that single precision in a CAD file gives to points of a plane.
+_ROUNDING = 1e-7
 _PAIRS_AT_ONCE = 1 << 21
 
 
@@ -59,7 +61,7 @@ def exactly_visible(
     visible = np.ones(len(points), dtype=np.bool_)
     for piece in pieces:
         rows = np.flatnonzero(visible)
-        visible[rows] = _sees(soup, piece, points[rows])
+        visible[rows] = _sees(soup.before(piece), piece, points[rows])
     return visible
 
 
@@ -86,6 +88,26 @@ class Soup:
         edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         touching = _TOUCHING * float(np.abs(corners).max(initial=0.0))
         return cls(triangles, corners, faces, np.unique(edges, axis=0), touching)
+
+    def before(self, piece: FeaturePiece) -> Soup:
+        """Without the triangles that no line of sight to a piece can meet."""
+        behind = self.behind(piece)
+        return Soup.of(self.triangles[~behind]) if behind.any() else self
+
+    def behind(self, piece: FeaturePiece) -> BoolArray:
+        """Triangles (m,) behind the planes of a piece, which sight lines stay before.
+
+        In a face that is plane but for rounding some rise a little above it: without
+        this the face would hide itself.
+        """
+        if not len(piece.planes):
+            return np.zeros(len(self.faces), dtype=np.bool_)
+        slack = _ROUNDING * float(np.abs(self.corners).max(initial=0.0))
+        heights = self.corners @ piece.planes[:, :3].T - piece.planes[:, 3]
+        behind = (heights <= slack)[self.faces].all(axis=1)
+        return np.asarray(
+            behind.all(axis=1) if piece.facing == "any" else behind.any(axis=1)
+        )
 
 
 def _sees(soup: Soup, piece: FeaturePiece, points: FloatArray) -> BoolArray:
@@ -201,6 +223,8 @@ def _corner_hits(soup: Soup, points: FloatArray, polygon: FloatArray) -> Hits:
 
 def mouth_edges(soup: Soup, polygon: FloatArray) -> IntArray:
     """Mesh edges (k, 2) that pass strictly through the polygon itself."""
+    if not len(soup.edges):
+        return soup.edges
     middle, normal = polygon.mean(axis=0), _area_vector(polygon)
     height = (soup.corners - middle) @ normal
     flat = 1e-7 * np.linalg.norm(normal) * np.ptp(soup.corners, axis=0).max()
