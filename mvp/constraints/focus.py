@@ -29,7 +29,7 @@ _UNREACHABLE_MM = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class FocusNear:
+class _Focus:
     """Rows in mm of blur on the sensor; reported in mm of depth.
 
     Attributes:
@@ -41,11 +41,30 @@ class FocusNear:
     points_mm: FloatArray
     c_mm: float
     labels: tuple[str, ...] = ()
-    kind: Kind = field(default="focus_near", init=False)
     unit: str = field(default="mm", init=False)
 
     def __post_init__(self) -> None:
-        _check(self)
+        points = np.asarray(self.points_mm, np.float64).reshape(-1, 3)
+        object.__setattr__(self, "points_mm", points)
+        if self.c_mm <= 0:
+            raise ValueError("the circle of confusion must be positive")
+        if not self.labels:
+            names = tuple(f"point {i + 1}" for i in range(len(points)))
+            object.__setattr__(self, "labels", names)
+
+    def _depth_limits_mm(self, views: Views) -> tuple[FloatArray, FloatArray]:
+        """Nearest and farthest depth (N, 1) in focus, mm from the pupil."""
+        near, far = depth_limits_mm(
+            views.d_mm, views.f_mm, views.a_mm, self.c_mm, views.e_mm
+        )
+        return (near - views.e_mm)[:, None], (far - views.e_mm)[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class FocusNear(_Focus):
+    """Not nearer than the near limit of focus."""
+
+    kind: Kind = field(default="focus_near", init=False)
 
     def rows(self, views: Views, *, gradient: bool = True) -> Rows:
         """C + b, (N, R) mm of blur."""
@@ -53,32 +72,16 @@ class FocusNear:
 
     def report(self, views: Views) -> Report:
         """Depth of the nearest point minus D2 - e, mm of depth."""
-        near, _ = depth_limits_mm(
-            views.d_mm, views.f_mm, views.a_mm, self.c_mm, views.e_mm
-        )
-        limit = np.minimum(near - views.e_mm, _UNREACHABLE_MM)
+        limit, _ = self._depth_limits_mm(views)
         depth = views.camera_points(self.points_mm)[..., 2]
-        return worst_of("mm", depth - limit[:, None], self.labels)
+        return worst_of("mm", depth - np.minimum(limit, _UNREACHABLE_MM), self.labels)
 
 
 @dataclass(frozen=True, eq=False)
-class FocusFar:
-    """Rows in mm of blur on the sensor; reported in mm of depth.
+class FocusFar(_Focus):
+    """Not farther than the far limit of focus."""
 
-    Attributes:
-        points_mm: (R, 3) key points, part frame.
-        c_mm: largest acceptable diameter of the circle of confusion.
-        labels: one per point.
-    """
-
-    points_mm: FloatArray
-    c_mm: float
-    labels: tuple[str, ...] = ()
     kind: Kind = field(default="focus_far", init=False)
-    unit: str = field(default="mm", init=False)
-
-    def __post_init__(self) -> None:
-        _check(self)
 
     def rows(self, views: Views, *, gradient: bool = True) -> Rows:
         """C - b, (N, R) mm of blur."""
@@ -86,24 +89,11 @@ class FocusFar:
 
     def report(self, views: Views) -> Report:
         """D1 - e minus the depth of the farthest point, mm; inf beyond hyperfocal."""
-        _, far = depth_limits_mm(
-            views.d_mm, views.f_mm, views.a_mm, self.c_mm, views.e_mm
-        )
+        _, limit = self._depth_limits_mm(views)
         depth = views.camera_points(self.points_mm)[..., 2]
-        slack = (far - views.e_mm)[:, None] - depth
         behind = np.minimum(depth, 0.0) - 1.0
-        value = np.where(depth > IN_FRONT_MM, slack, behind)
+        value = np.where(depth > IN_FRONT_MM, limit - depth, behind)
         return worst_of("mm", value, self.labels)
-
-
-def _check(focus: FocusNear | FocusFar) -> None:
-    points = np.asarray(focus.points_mm, np.float64).reshape(-1, 3)
-    object.__setattr__(focus, "points_mm", points)
-    if focus.c_mm <= 0:
-        raise ValueError("the circle of confusion must be positive")
-    if not focus.labels:
-        names = tuple(f"point {i + 1}" for i in range(len(points)))
-        object.__setattr__(focus, "labels", names)
 
 
 def _blur_rows(

@@ -1,6 +1,13 @@
 """Poses with checked frames, boxes, triangle meshes, CAD loading."""
 
-from mvp.geometry.arrays import BoolArray, FloatArray, IntArray, as_points, unit
+from mvp.geometry.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    as_points,
+    plane_axes,
+    unit,
+)
 from mvp.geometry.box import Box
 from mvp.geometry.convex import Facing, FeaturePiece
 from mvp.geometry.edges import EdgeTable, edge_table
@@ -36,6 +43,7 @@ __all__ = [
     "healed",
     "load_part",
     "planar_patches",
+    "plane_axes",
     "unit",
     "write_stl",
 ]

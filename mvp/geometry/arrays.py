@@ -37,3 +37,11 @@ def unit(vectors: ArrayLike) -> FloatArray:
     if not (length > 0).all():
         raise ValueError("a vector of length zero has no direction")
     return np.asarray(array / length, dtype=np.float64)
+
+
+def plane_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors that make a right-handed frame with a unit normal (3,)."""
+    least_along = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    first = np.cross(least_along, normal)
+    first = first / np.linalg.norm(first)
+    return first, np.asarray(np.cross(normal, first))

@@ -13,11 +13,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mvp.geometry import BoolArray, FloatArray, Pose
 from mvp.kinematics.capsule import Capsules
-from mvp.kinematics.model import inside_limits, on_nearest_turn
+from mvp.kinematics.model import (
+    forward_one,
+    inside_limits,
+    inverse_one,
+    on_nearest_turn,
+)
 
 if TYPE_CHECKING:
+    from mvp.geometry import BoolArray, FloatArray, Pose
     from mvp.kinematics.capsule import Capsule
     from mvp.kinematics.model import JointUnit
 
@@ -75,8 +80,7 @@ class Gantry:
 
     def forward(self, joints: FloatArray) -> Pose:
         """``base_from_tool`` of one configuration."""
-        rotation, point = self.forward_batch(np.asarray(joints, np.float64)[None])
-        return Pose("base", "tool", rotation[0], point[0])
+        return forward_one(self, joints)
 
     def forward_batch(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rotations (M, 3, 3) and flange points (M, 3), mm."""
@@ -88,12 +92,7 @@ class Gantry:
         self, base_from_tool: Pose, *, near: FloatArray | None = None
     ) -> tuple[FloatArray, ...]:
         """The one solution, or () when the roll is not the one the head gives."""
-        joints, exists = self.inverse_batch(
-            base_from_tool.rotation[None],
-            base_from_tool.translation_mm[None],
-            near=near,
-        )
-        return tuple(joints[0][exists[0]])
+        return inverse_one(self, base_from_tool, near)
 
     def inverse_batch(
         self,

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import numpy as np
 
+from mvp.geometry import Pose
+
 if TYPE_CHECKING:
-    from mvp.geometry import BoolArray, FloatArray, Pose
+    from mvp.geometry import BoolArray, FloatArray
     from mvp.kinematics.capsule import Capsule, Capsules
 
 JointUnit: TypeAlias = Literal["rad", "mm"]
@@ -148,6 +150,22 @@ class ArmModel(Protocol):
         roll returns the rolls that it can give.
         """
         ...
+
+
+def forward_one(model: ArmModel, joints: FloatArray) -> Pose:
+    """``ArmModel.forward`` by way of the batch."""
+    rotation, point = model.forward_batch(np.asarray(joints, np.float64)[None])
+    return Pose("base", "tool", rotation[0], point[0])
+
+
+def inverse_one(
+    model: ArmModel, base_from_tool: Pose, near: FloatArray | None
+) -> tuple[FloatArray, ...]:
+    """``ArmModel.inverse`` by way of the batch."""
+    joints, exists = model.inverse_batch(
+        base_from_tool.rotation[None], base_from_tool.translation_mm[None], near=near
+    )
+    return tuple(joints[0][exists[0]])
 
 
 def on_nearest_turn(

@@ -20,6 +20,25 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
+class Programme:
+    """Maximise ``cost . x`` with ``rows x >= rows_low`` and ``low <= x <= high``.
+
+    Attributes:
+        cost: (n,).
+        rows: (m, n).
+        rows_low: (m,).
+        low: (n,).
+        high: (n,).
+    """
+
+    cost: FloatArray
+    rows: FloatArray
+    rows_low: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class LinearSolution:
     """x (n,), duals of the rows (m,) and of the box (n,); all duals of rows >= 0."""
 
@@ -31,14 +50,7 @@ class LinearSolution:
 class LinearSolver(Protocol):
     """Solves one programme after the other."""
 
-    def maximise(
-        self,
-        cost: FloatArray,
-        rows: FloatArray,
-        rows_low: FloatArray,
-        low: FloatArray,
-        high: FloatArray,
-    ) -> LinearSolution | None:
+    def maximise(self, programme: Programme) -> LinearSolution | None:
         """The optimum, or None when there is none."""
         ...
 
@@ -64,26 +76,20 @@ class HighsSolver:
         self._solver.setOptionValue("presolve", "off")
         self._solver.setOptionValue("threads", 1)
 
-    def maximise(
-        self,
-        cost: FloatArray,
-        rows: FloatArray,
-        rows_low: FloatArray,
-        low: FloatArray,
-        high: FloatArray,
-    ) -> LinearSolution | None:
+    def maximise(self, programme: Programme) -> LinearSolution | None:
         """See the protocol."""
-        count, width = rows.shape
+        count, width = programme.rows.shape
         highs = self._highs
         model = highs.HighsLp()
         model.num_col_, model.num_row_ = width, count
-        model.col_cost_, model.col_lower_, model.col_upper_ = -cost, low, high
-        model.row_lower_ = rows_low
+        model.col_cost_ = -programme.cost
+        model.col_lower_, model.col_upper_ = programme.low, programme.high
+        model.row_lower_ = programme.rows_low
         model.row_upper_ = np.full(count, highs.kHighsInf)
         matrix = model.a_matrix_
         matrix.format_ = highs.MatrixFormat.kRowwise
         matrix.start_, matrix.index_ = _dense_pattern(count, width)
-        matrix.value_ = rows.ravel()
+        matrix.value_ = programme.rows.ravel()
         self._solver.passModel(model)
         self._solver.run()
         if self._solver.getModelStatus() != highs.HighsModelStatus.kOptimal:
@@ -99,22 +105,15 @@ class HighsSolver:
 class ScipySolver:
     """``scipy.optimize.linprog``."""
 
-    def maximise(
-        self,
-        cost: FloatArray,
-        rows: FloatArray,
-        rows_low: FloatArray,
-        low: FloatArray,
-        high: FloatArray,
-    ) -> LinearSolution | None:
+    def maximise(self, programme: Programme) -> LinearSolution | None:
         """See the protocol."""
         from scipy.optimize import linprog
 
         result = linprog(
-            -cost,
-            A_ub=-rows,
-            b_ub=-rows_low,
-            bounds=np.column_stack([low, high]),
+            -programme.cost,
+            A_ub=-programme.rows,
+            b_ub=-programme.rows_low,
+            bounds=np.column_stack([programme.low, programme.high]),
             method="highs",
         )
         if result.status != 0:

@@ -144,9 +144,7 @@ def _weaker(constraint: Constraint, amount: Amount) -> Constraint | None:
             return replace(
                 constraint, required_px=constraint.required_px * amount.factor
             )
-        case FocusNear():
-            return replace(constraint, c_mm=constraint.c_mm * amount.factor)
-        case FocusFar():
+        case FocusNear() | FocusFar():
             return replace(constraint, c_mm=constraint.c_mm * amount.factor)
         case FieldOfViewCircle():
             radius = constraint.image_radius_mm * amount.factor

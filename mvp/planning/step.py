@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from mvp.constraints.base import D
-from mvp.planning.linear import LinearSolution, LinearSolver, linear_solver
+from mvp.planning.linear import (
+    LinearSolution,
+    LinearSolver,
+    Programme,
+    linear_solver,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -177,13 +182,14 @@ class LinearModel:
         cost = np.zeros(rows.shape[1])
         cost[self.chart.n :] = 1.0
         cost[-1] = -self.merit.penalty
-        solution = self._solver.maximise(
+        programme = Programme(
             cost,
-            np.concatenate([rows, bounds]),
-            np.concatenate([rows_low, bounds_low]),
-            np.concatenate([low, np.full(n_groups, -_UNBOUNDED), [0.0]]),
-            np.concatenate([high, self.merit.caps, [_UNBOUNDED]]),
+            rows=np.concatenate([rows, bounds]),
+            rows_low=np.concatenate([rows_low, bounds_low]),
+            low=np.concatenate([low, np.full(n_groups, -_UNBOUNDED), [0.0]]),
+            high=np.concatenate([high, self.merit.caps, [_UNBOUNDED]]),
         )
+        solution = self._solver.maximise(programme)
         if solution is None:
             return None
         chosen = np.concatenate([grouped, floored])

@@ -15,9 +15,9 @@ from mvp.geometry import (
     IntArray,
     TriangleMesh,
     planar_patches,
+    plane_axes,
 )
 from mvp.scene.face_pieces import face_polygons
-from mvp.scene.point_feature import plane_axes
 from mvp.scene.polygons import (
     boundary_rings,
     convex_partition,

@@ -7,8 +7,13 @@ from typing import Literal
 
 import numpy as np
 
-from mvp.geometry import BoolArray, FeaturePiece, FloatArray, TriangleMesh
-from mvp.scene.point_feature import plane_axes
+from mvp.geometry import (
+    BoolArray,
+    FeaturePiece,
+    FloatArray,
+    TriangleMesh,
+    plane_axes,
+)
 
 DIAMETERS = 8
 

@@ -14,10 +14,10 @@ from mvp.geometry import (
     TriangleMesh,
     edge_table,
     planar_patches,
+    plane_axes,
 )
 from mvp.scene.cad_edges import sharp_edges, size_order
 from mvp.scene.hole_feature import Circle, HoleFeature, fit_circle, mouth_pieces
-from mvp.scene.point_feature import plane_axes
 from mvp.scene.polygons import boundary_rings, signed_area
 
 # A hexagon is a socket, not a hole; coarse files draw a circle with 8 sides or more.

@@ -15,6 +15,7 @@ from mvp.geometry import (
     IntArray,
     TriangleMesh,
     edge_table,
+    plane_axes,
 )
 from mvp.scene.edge_feature import edge_piece, own_planes
 from mvp.scene.surface import (
@@ -71,14 +72,6 @@ class PointFeature:
     def sight_pieces(self) -> tuple[FeaturePiece, ...]:
         """The convex pieces that must be seen whole."""
         return self.pieces
-
-
-def plane_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors that make a right-handed frame with a unit normal (3,)."""
-    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    first = np.cross(helper, normal)
-    first = first / np.linalg.norm(first)
-    return first, np.asarray(np.cross(normal, first))
 
 
 def point_feature(

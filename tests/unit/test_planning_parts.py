@@ -21,7 +21,7 @@ from mvp.planning import (
 )
 from mvp.planning.chance import perturbed
 from mvp.planning.components import component_numbers
-from mvp.planning.linear import HighsSolver, ScipySolver
+from mvp.planning.linear import HighsSolver, Programme, ScipySolver
 from mvp.planning.rows import RowTable
 from mvp.testing.planning_scenes import PaperScene, race_scene, table_views
 from mvp.visibility import prepare, visibility_region
@@ -40,8 +40,8 @@ def test_both_linear_solvers_agree_on_optimum_and_duals():
         low = -rng.uniform(0, 3, 30)
         cost = np.array([0.0] * 6 + [1.0])
         box = np.array([0.1] * 6 + [1e3])
-        a = highs.maximise(cost, rows, low, -box, box)
-        b = scipy.maximise(cost, rows, low, -box, box)
+        programme = Programme(cost, rows, low, -box, box)
+        a, b = highs.maximise(programme), scipy.maximise(programme)
         assert cost @ a.x == pytest.approx(cost @ b.x, abs=1e-9)
         assert a.row_duals.sum() == pytest.approx(-1.0, abs=1e-6) or np.abs(
             a.row_duals
@@ -52,7 +52,8 @@ def test_both_linear_solvers_agree_on_optimum_and_duals():
 def test_a_linear_programme_without_a_solution_says_so():
     rows, low = np.array([[1.0], [-1.0]]), np.array([1.0, 1.0])
     for solver in (HighsSolver(), ScipySolver()):
-        assert solver.maximise(np.ones(1), rows, low, -np.ones(1), np.ones(1)) is None
+        programme = Programme(np.ones(1), rows, low, -np.ones(1), np.ones(1))
+        assert solver.maximise(programme) is None
 
 
 def _loss_by_trying(problem, view, part: slice, size: float) -> float:
