@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,22 +43,8 @@ def expected_rim(
     lifted = points + _LIFT_MM * axis
     visible = ~hidden(lifted, scene, part_from_camera) & plane.inside(places)
     blur = float(np.sqrt(np.mean(plane.blur_px(points[:, 2]) ** 2)))
-    steps = np.full(len(places), np.nan)
-    normals, away = outward_normals(places), 1.5 + blur / 2
-    reach = away, away + WIDER_PX, away + 2 * WIDER_PX
-    close = [
-        crowded(places, normals, reach[:count], scene, part_from_camera, plane)
-        for count in (2, 3)
-    ]
-    even = ~close[0]
-    if light is not None:
-        steps, wider = (
-            both_sides(places, normals, t, scene, part_from_camera, plane).steps(
-                light, np.zeros(1)
-            )[0]
-            for t in reach[:2]
-        )
-        even &= ~_jumps(steps) & (np.abs(wider - steps) < _SAME_STEP * np.abs(steps))
+    away = 1.5 + blur / 2
+    beside = _beside(places, away, light, scene, part_from_camera, plane)
     detail = float("nan")
     if requirement is not None:
         detail = _detail_px(centre, axis, radius, requirement, plane)
@@ -70,13 +57,48 @@ def expected_rim(
         ellipse_axes(places),
         blur,
         visible,
-        np.abs(steps),
+        np.abs(beside.steps),
         _own_lines(lines, part_from_camera.inverse(), centre, axis, radius),
         requirement,
         detail,
-        even,
-        bool(visible.any() and close[1][visible].mean() > _CROWDED_RIM),
+        beside.even,
+        bool(visible.any() and beside.close[visible].mean() > _CROWDED_RIM),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """What a rim shows at its places (n,): signed steps, where even, where crowded."""
+
+    steps: FloatArray
+    even: BoolArray
+    close: BoolArray
+
+
+def _beside(
+    places: FloatArray,
+    away_px: float,
+    light: LightModel | None,
+    scene: RenderScene,
+    part_from_camera: Pose,
+    plane: ImagePlane,
+) -> _Beside:
+    normals = outward_normals(places)
+    reach = away_px, away_px + WIDER_PX, away_px + 2 * WIDER_PX
+    sliver, close = (
+        crowded(places, normals, reach[:count], scene, part_from_camera, plane)
+        for count in (2, 3)
+    )
+    if light is None:
+        return _Beside(np.full(len(places), np.nan), ~sliver, close)
+    steps, wider = (
+        both_sides(places, normals, t, scene, part_from_camera, plane).steps(
+            light, np.zeros(1)
+        )[0]
+        for t in reach[:2]
+    )
+    same = np.abs(wider - steps) < _SAME_STEP * np.abs(steps)
+    return _Beside(steps, np.asarray(~sliver & ~_jumps(steps) & same), close)
 
 
 def _jumps(steps: FloatArray) -> BoolArray:
