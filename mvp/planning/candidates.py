@@ -75,6 +75,8 @@ def ranked(
 
 def _promising(table: RowTable, views: Views) -> IntArray:
     """The best by everything but distances, which cost most and only lower an index."""
+    if len(views) <= _MEASURED:
+        return np.arange(len(views))
     optical = table.evaluate(views, curved_only=True).index
     if not optical.shape[1]:
         return np.arange(len(views))
@@ -121,10 +123,20 @@ def from_boundary(problem: PlanningProblem, rng: np.random.Generator) -> Views:
     if not found:
         found = [np.zeros((0, 3))]
     points = np.concatenate(found)
-    points = points[inside(problem, points)] if len(points) else points
     gap = np.linalg.norm(points - problem.target_centre_mm, axis=1)
     points = points[gap > _NEAREST_RADII * problem.target_radius_mm]
-    return aimed(problem, points[:_ENOUGH], rng)
+    return aimed(problem, _first_inside(problem, points), rng)
+
+
+def _first_inside(problem: PlanningProblem, points: FloatArray) -> FloatArray:
+    """The first points that lie inside, as many as are enough."""
+    kept = [np.zeros((0, 3))]
+    for start in range(0, len(points), _ENOUGH):
+        some = points[start : start + _ENOUGH]
+        kept.append(some[inside(problem, some)])
+        if sum(map(len, kept)) >= _ENOUGH:
+            break
+    return np.concatenate(kept)[:_ENOUGH]
 
 
 def _inward(mesh: TriangleMesh, rng: np.random.Generator) -> FloatArray:
