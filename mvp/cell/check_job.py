@@ -72,7 +72,8 @@ def check_cell(cell: LoadedCell, task: LoadedTask) -> CheckDocument:
         if not failures:
             items.append(_attempt("calibrated devices", lambda: _serials(cell, infos)))
     finally:
-        close_all(roles.values())
+        unclosed = close_all(roles)
+    items += [_failure(role, error) for role, error in unclosed.items()]
     passed = all(item.passed for item in items)
     return CheckDocument(cell=cell.config.name, passed=passed, items=items)
 

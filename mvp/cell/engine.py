@@ -75,6 +75,17 @@ class CellDevices:
     camera: Camera
     clock: Clock
 
+    def stop(self) -> list[Exception]:
+        """Stop all three, from any thread; every path is tried. Returns what failed."""
+        failures: list[Exception] = []
+        for device in (self.arm, self.lens, self.camera):
+            try:
+                device.stop()
+            except Exception as error:
+                _LOG.error("%s: stop failed: %s", device.name, error)
+                failures.append(error)
+        return failures
+
 
 class CellEngine:
     """The engine of a cell; see ``mvp.cell.runner.Engine`` for its promises.
@@ -227,14 +238,7 @@ class CellEngine:
         """Stop all three devices, from any thread; every path is tried."""
         self._stopped.set()
         _LOG.warning("stopping arm, lens and camera")
-        failures: list[Exception] = []
-        devices = self._devices
-        for device in (devices.arm, devices.lens, devices.camera):
-            try:
-                device.stop()
-            except Exception as error:
-                failures.append(error)
-        return failures
+        return self._devices.stop()
 
     def may_still_move(self) -> str:
         """The motion that was under way, or nothing."""

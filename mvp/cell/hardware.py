@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -29,12 +30,13 @@ from mvp.errors import CalibrationError, ConnectError, DeviceError, PluginError
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
     from mvp.cell.loading import LoadedCell
     from mvp.devices import Device, Role
     from mvp.geometry import TriangleMesh
 
+_LOG = logging.getLogger(__name__)
 _Model = TypeVar("_Model", bound=FileModel)
 
 
@@ -178,8 +180,12 @@ def opened(devices: CellDevices) -> Iterator[dict[str, DeviceInfo]]:
         if failures:
             raise _connect_error(failures)
         yield {role: device.info() for role, device in everyone.items()}
-    finally:
-        close_all(everyone.values())
+    except BaseException:
+        # What went wrong first is what to tell; the log has the rest.
+        close_all(everyone)
+        raise
+    for failure in close_all(everyone).values():
+        raise failure
 
 
 def try_open(devices: Mapping[str, Device]) -> dict[str, Exception]:
@@ -197,16 +203,16 @@ def try_open(devices: Mapping[str, Device]) -> dict[str, Exception]:
     return {role: error for role, error in results.items() if error is not None}
 
 
-def close_all(devices: Iterable[Device]) -> None:
-    """Close every device, then raise the first failure, if any."""
-    failures = []
-    for device in devices:
+def close_all(devices: Mapping[str, Device]) -> dict[str, Exception]:
+    """Close all devices; failures by role, nothing raised."""
+    failures: dict[str, Exception] = {}
+    for role, device in devices.items():
         try:
             device.close()
         except Exception as error:
-            failures.append(error)
-    if failures:
-        raise failures[0]
+            _LOG.error("%s: closing failed: %s", device.name, error)
+            failures[role] = error
+    return failures
 
 
 def _connect_error(failures: dict[str, Exception]) -> DeviceError:

@@ -62,8 +62,7 @@ def home_cell(
             lens = devices.lens.home(timeout_s=_LENS_TIMEOUT_S)
             arm = _move(devices, path)
         except BaseException:
-            devices.arm.stop()
-            devices.lens.stop()
+            devices.stop()
             raise
     return _document(cell, arm, lens)
 

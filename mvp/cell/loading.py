@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -184,12 +183,6 @@ def load_task(cell: LoadedCell, task: str | None) -> LoadedTask:
         where = f"{source.where(('part', 'pose'))}: part.pose"
         pose = inside(home_of(path), path.parent, config.part.pose, where)
     return LoadedTask(config, source, part, sha256_of(path), pose)
-
-
-def combined_sha256(hashes: dict[str, str]) -> str:
-    """One hash over named hashes, independent of their order."""
-    text = "\n".join(f"{name} {value}" for name, value in sorted(hashes.items()))
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _check_version(source: TomlFile) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -303,11 +303,6 @@ class ProblemFactory:
             float(np.mean(lens.a_mm)) * one,
             lens.e_mm * one,
         )
-
-
-def without_filter(problem: PlanningProblem) -> PlanningProblem:
-    """The same problem for an arm that reaches everything: used to explain."""
-    return replace(problem, accept=None)
 
 
 def _common(

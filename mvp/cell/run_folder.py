@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from mvp.devices import Frame
 
 _Model = TypeVar("_Model", Plan, RunDocument)
-DEFAULT_PARENT = "runs"
 
 
 @dataclass(frozen=True)

@@ -298,12 +298,10 @@ class Runner:
 
     def _stop_devices(self) -> list[Exception]:
         try:
-            failures = list(self._engine.stop())
+            return list(self._engine.stop())
         except Exception as error:
-            failures = [error]
-        for failure in failures:
-            _LOG.error("stop failed: %s", failure)
-        return failures
+            _LOG.exception("run: stopping the devices failed")
+            return [error]
 
     def _quiet(self) -> bool:
         with self._changed:

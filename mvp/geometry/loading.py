@@ -244,7 +244,6 @@ def _by_trimesh(
 ) -> tuple[FloatArray, IntArray]:
     import trimesh
 
-    quiet = logging.getLogger("trimesh")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -257,7 +256,6 @@ def _by_trimesh(
         vertices = np.asarray(loaded.vertices, dtype=np.float64).reshape(-1, 3)
         faces = np.asarray(loaded.faces, dtype=np.int64).reshape(-1, 3)
     except Exception as error:
-        quiet.debug("%s: %s", path, error)
         raise GeometryError(
             f"{path}: not a readable {extension[1:].upper()} mesh ({error})",
             hint="export the part again, as triangles",

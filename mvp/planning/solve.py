@@ -28,7 +28,6 @@ Status: TypeAlias = Literal["admissible", "infeasible"]
 
 _KEEP = 0.95
 _CAP = 3.0
-_POLISHED = 3
 _SAME = 1e-3
 _COMPARED_AT_SIGMA = 3.3
 _SECOND_STAGE_STEPS = 25

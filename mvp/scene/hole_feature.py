@@ -58,16 +58,6 @@ class HoleFeature:
         return float(max(self.diameter_mm / 2 - inner.min(), self.residual_mm))
 
     @property
-    def diameter_error(self) -> float:
-        """Relative error of taking the worst of the eight diameters for the worst.
-
-        The smallest image of a diameter lies within 11.25 deg of one of the eight; for
-        a rim foreshortened to half its width the eight tell at most 5.5 % too much.
-        """
-        step = np.pi / (2 * DIAMETERS)
-        return float(np.hypot(np.cos(step), 2 * np.sin(step)) - 1)
-
-    @property
     def key_points_mm(self) -> FloatArray:
         """(16, 3) ends of the eight diameters."""
         return self.circle_mm(2 * DIAMETERS)

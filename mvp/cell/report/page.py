@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import zip_longest
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from mvp.cell.report.measured import Measured, measured_in
@@ -126,7 +127,10 @@ def _headline(run: RunDocument) -> str:
 def _facts(plan: Plan, run: RunDocument) -> list[tuple[str, str]]:
     facts = [
         ("run", run.run_id or "not kept"),
-        ("part", plan.part.file + (f", id {run.part_id}" if run.part_id else "")),
+        (
+            "part",
+            _name(plan.part.file) + (f", id {run.part_id}" if run.part_id else ""),
+        ),
         ("cell", f"{run.cell}{' (simulated)' if run.simulated else ''}"),
         ("task", run.task),
         ("started", run.started_utc),
@@ -148,8 +152,8 @@ def _facts(plan: Plan, run: RunDocument) -> list[tuple[str, str]]:
 def _provenance(plan: Plan, run: RunDocument) -> list[tuple[str, str]]:
     rows = [
         ("mvp-cell", run.version),
-        (f"part {plan.part.file}", plan.part.sha256),
-        (f"task {plan.task.file}", plan.task.sha256),
+        (f"part {_name(plan.part.file)}", plan.part.sha256),
+        (f"task {_name(plan.task.file)}", plan.task.sha256),
         (f"cell {plan.cell.name}", plan.cell.sha256),
     ]
     if run.inputs is not None:
@@ -164,6 +168,11 @@ def _provenance(plan: Plan, run: RunDocument) -> list[tuple[str, str]]:
     ]
     rows += [(f"picture {v.id}", v.sha256) for v in run.views if v.sha256]
     return rows
+
+
+def _name(file: str) -> str:
+    """The last part of a path: a page that is handed on names no folder of ours."""
+    return PurePath(file).name
 
 
 def _section(
