@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from drivers.virtual_settings import Occluder, WorldErrors, WorldSettings
     from mvp.devices import WorldBelief
 
-_VERTEX_MM = 1e-3
+_VERTEX_MM = 1e-3  # corners this close are the one that is meant
 
 
 def true_part(mesh: TriangleMesh, errors: WorldErrors) -> TriangleMesh:

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from mvp.imaging import Illumination
 
 _SMEAR_PX = 0.7
-_INSTANTS = (5, 41)
+_INSTANTS = (5, 41)  # fewest and most still pictures in one smeared exposure
 _KEPT_PICTURES = 2
 
 

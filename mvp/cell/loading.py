@@ -8,11 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mvp.cell.calibrations import (
-    Calibrations,
-    load_calibrations,
-    with_part_pose,
-)
+from mvp.cell.calibrations import Calibrations, load_calibrations, with_part_pose
 from mvp.cell.cell_config import CellConfig
 from mvp.cell.places import find_cell, find_task, home_of, inside, sha256_of
 from mvp.cell.task_config import TaskConfig

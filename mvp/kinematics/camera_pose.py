@@ -16,7 +16,7 @@ from mvp.optics import pupil_shift_mm
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-_STRAIGHT = 1e-6
+_STRAIGHT = 1e-6  # sine of the angle to z below which (24) is singular
 
 
 def camera_rotation(direction: ArrayLike, roll_rad: ArrayLike = 0.0) -> FloatArray:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mvp.kinematics.clearance import CellBodies
 
 _EDGE_SAMPLES = 8
+# Steps and the window are in rad; a sliding axis counts 400 mm as one.
 _STEP = 0.35
 _MM_PER_RADIAN = 400.0
 _BEYOND = 1.2

@@ -7,13 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from mvp.geometry import (
-    BoolArray,
-    FeaturePiece,
-    FloatArray,
-    TriangleMesh,
-    plane_axes,
-)
+from mvp.geometry import BoolArray, FeaturePiece, FloatArray, TriangleMesh, plane_axes
 
 DIAMETERS = 8
 

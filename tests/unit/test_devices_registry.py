@@ -101,6 +101,19 @@ def test_a_virtual_device_needs_a_virtual_world():
     assert "[world]" in error.value.hint
 
 
+def _refusal(script: str, folder: Path) -> str:
+    """What a fresh interpreter prints that must end with 7; ``folder`` is argv[1]."""
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(folder)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 7, done.stderr
+    return done.stdout
+
+
 def test_a_foreign_drivers_package_is_noticed(tmp_path: Path):
     foreign = tmp_path / "drivers"
     foreign.mkdir()
@@ -112,15 +125,7 @@ def test_a_foreign_drivers_package_is_noticed(tmp_path: Path):
         "try: load_driver('virtual-arm', 'arm')\n"
         "except PluginError as error: print(error.message); sys.exit(7)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(tmp_path)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 7, done.stderr
-    assert str(foreign) in done.stdout
+    assert str(foreign) in _refusal(script, tmp_path)
 
 
 def test_files_that_another_distribution_put_into_our_package_are_noticed(
@@ -139,12 +144,4 @@ def test_files_that_another_distribution_put_into_our_package_are_noticed(
         "try: check_own_package()\n"
         "except PluginError as error: print(error.message); sys.exit(7)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(tmp_path)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 7, done.stderr
-    assert "overwrites" in done.stdout
+    assert "overwrites" in _refusal(script, tmp_path)
