@@ -52,7 +52,7 @@ class Illumination:
     background: float = 0.01
 
     def scaled(self, factor: float) -> Illumination:
-        """The same light with all lamps and the ambient part dimmed or raised."""
+        """The same light, dimmed or raised: lamps, ambient part and background."""
         lamps = tuple(Lamp(m.position_mm, m.strength * factor) for m in self.lamps)
         return Illumination(
             self.ambient * factor,

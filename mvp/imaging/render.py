@@ -183,8 +183,8 @@ def _reach_px(view: CameraView, quality: RenderQuality) -> Float32Array:
     if quality.diffraction:
         reach += THIRD_RING * view.optics.airy_unit_mm / pitch
     if quality.defocus:
-        finite = np.where(np.isfinite(view.depth_mm), view.depth_mm, np.inf)
-        reach += (view.optics.blur_mm(finite) / (2 * pitch)).astype(np.float32)
+        blur = view.optics.blur_mm(view.depth_mm) / (2 * pitch)
+        reach += blur.astype(np.float32)
     return reach
 
 

@@ -120,7 +120,7 @@ class RenderScene:
         directions_camera: Float32Array,
         origins_camera: Float32Array | None = None,
     ) -> IntArray:
-        """First triangle along each ray (n, 3), -1 for none; int32."""
+        """First triangle (n,) along each ray (n, 3); -1 for none."""
         count = len(directions_camera)
         if self._embree is None or count == 0:
             return np.full(count, -1, dtype=np.int64)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 FrameArray: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
 
-_GAUSSIAN_FROM_E = 20.0
+_GAUSSIAN_FROM_E = 20.0  # electrons; fewer are drawn from Poisson's own law
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The plan as data: ``mvp-cell/plan/1`` (docs: design of the plan file)."""
+"""The plan as data: ``mvp-cell/plan/1``, what plan.json holds."""
 
 from __future__ import annotations
 

@@ -22,8 +22,10 @@ from mvp.scene.polygons import boundary_rings, signed_area
 
 # A hexagon is a socket, not a hole; coarse files draw a circle with 8 sides or more.
 _FEWEST_SIDES = 8
+# How far a rim may be from its circle: a share of the radius, never less than 2 um.
 _ROUND_SHARE = 0.004
 _ROUND_MM = 0.002
+# Radius gained per depth; what opens faster is a dished face, not the wall of a hole.
 _STEEPEST_CONE = 5.0
 _RIM_ANGLE_DEG = 15.0
 
