@@ -19,9 +19,9 @@ def output_error(path: Path, error: OSError) -> OutputError:
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     return OutputError(
         f"{path}: {'the disk is full' if full else error.strerror or error}",
-        hint="free some space or name another folder with --out"
+        hint="free some space or write to another folder (--out, --picture)"
         if full
-        else "check the permissions or name another folder with --out",
+        else "check the permissions or write to another folder (--out, --picture)",
         where=str(path),
     )
 

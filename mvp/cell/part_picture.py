@@ -6,20 +6,20 @@ is there; each feature is labelled in the view that shows most of it.
 
 from __future__ import annotations
 
-import os
-import tempfile
+import io
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.cell.durable import write_durably
 from mvp.cell.label_layout import Label, placed
 from mvp.cell.part_rays import Drawing, PartRays
-from mvp.errors import OutputError
 from mvp.scene import CadEdges, cad_edges
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -273,14 +273,6 @@ def _draw_labels(axes: Axes, drawing: Drawing, shown: list[_Shown]) -> int:
 
 
 def _save(figure: Figure, path: Path) -> None:
-    try:
-        handle, draft = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        with os.fdopen(handle, "wb") as stream:
-            figure.savefig(stream, format="png")
-        Path(draft).replace(path)
-    except OSError as error:
-        raise OutputError(
-            f"cannot write {path}: {error.strerror or error}",
-            hint="check that the folder exists and is writable",
-            where=str(path),
-        ) from error
+    content = io.BytesIO()
+    figure.savefig(content, format="png")
+    write_durably(path, content.getvalue())

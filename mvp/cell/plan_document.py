@@ -34,7 +34,7 @@ class ViewWriter:
         """One view: what will be commanded, and how safe that is."""
         view, problem = realised.view, realised.problem
         table = RowTable.of(problem)
-        found = margins(problem, table, view, table.index(view)[0])
+        found = margins(problem, view, table.index(view)[0])
         written: dict[str, Margin] = {
             kind: _margin(m, hard=kind in problem.hard_kinds)
             for kind, m in found.items()

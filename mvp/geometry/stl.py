@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
-import tempfile
-from pathlib import Path
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +11,8 @@ import numpy as np
 from mvp.errors import GeometryError, OutputError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from mvp.geometry.arrays import FloatArray
     from mvp.geometry.mesh import TriangleMesh
 
@@ -84,12 +84,14 @@ def write_stl(mesh: TriangleMesh, path: Path) -> None:
         lines += ["  vertex " + _numbers(corner) for corner in corners]
         lines += [" endloop", "endfacet"]
     lines.append(f"endsolid {mesh.name}\n")
+    draft = path.with_name(f".{path.name}.part")
     try:
-        handle, draft = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        with os.fdopen(handle, "w", encoding="ascii") as stream:
-            stream.write("\n".join(lines))
-        Path(draft).replace(path)
+        # The name of a mesh may hold letters that STL does not know.
+        draft.write_bytes("\n".join(lines).encode("ascii", "replace"))
+        draft.replace(path)
     except OSError as error:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
         raise OutputError(
             f"cannot write {path}: {error.strerror or error}",
             hint="check that the folder exists and is writable",

@@ -95,7 +95,7 @@ def knob_cure(
     table, chart = RowTable.of(problem), Chart.of(problem)
     table = replace(table, fixed_scales=_fixed_scales(problem, knob))
     merit = relax_kinds(table, KINDS_OF[knob])
-    starts = _relaxation_starts(problem, table, failed, knob)
+    starts = _relaxation_starts(table, failed, knob)
     ended = climb(problem, LinearModel(table, chart, merit), starts)
     kept = np.flatnonzero(merit.shortfall(ended.index) <= JUST_INSIDE)
     amounts = [(int(k), needed(problem, ended.views[int(k)], knob)) for k in kept]
@@ -127,9 +127,7 @@ def _fixed_scales(problem: PlanningProblem, knob: Knob) -> dict[Kind, float]:
     return scales
 
 
-def _relaxation_starts(
-    problem: PlanningProblem, table: RowTable, failed: Attempt, knob: Knob
-) -> Views:
+def _relaxation_starts(table: RowTable, failed: Attempt, knob: Knob) -> Views:
     """The best ends of the search, and the candidates that miss least elsewhere."""
     ends = concatenated([s.view for s in failed.solutions[:_BEST]])
     others = np.array([kind not in KINDS_OF[knob] for kind in table.kinds])

@@ -218,7 +218,7 @@ def described(
         t=t,
         first_stage_t=t,
         status="admissible" if t >= 0 else "infeasible",
-        margins=margins(problem, table, view, index),
+        margins=margins(problem, view, index),
         binding=table.kinds[row],
         binding_row=table.labels[row],
         duals=duals,
@@ -257,9 +257,15 @@ def _binding_row(table: RowTable, index: FloatArray, duals: Duals) -> int:
 
 
 def margins(
-    problem: PlanningProblem, table: RowTable, view: Views, index: FloatArray
+    problem: PlanningProblem, view: Views, index: FloatArray
 ) -> dict[Kind, KindMargin]:
-    """Worst margin of every requirement, in the plan's units and in sigmas."""
+    """Worst margin of every requirement, in the plan's units and in sigmas.
+
+    Args:
+        problem: whose requirements.
+        view: N = 1.
+        index: (R,) sigma-indices of the view's rows.
+    """
     found: dict[Kind, KindMargin] = {}
     start = 0
     for constraint in problem.constraints:

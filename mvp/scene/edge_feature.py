@@ -125,10 +125,10 @@ def edge_feature(
     gaps = _gaps(found, length, tolerance_mm)
     found += [_face_stretch(mesh, ends, gap, id, tolerance_mm) for gap in gaps]
     found = _joined(sorted(found, key=lambda stretch: stretch.low_mm), tolerance_mm)
-    return _assembled(id, found, ends)
+    return _assembled(id, found)
 
 
-def _assembled(id: str, found: list[_Stretch], ends: FloatArray) -> EdgeFeature:
+def _assembled(id: str, found: list[_Stretch]) -> EdgeFeature:
     first = min(found, key=lambda stretch: stretch.low_mm)
     last = max(found, key=lambda stretch: stretch.high_mm)
     return EdgeFeature(

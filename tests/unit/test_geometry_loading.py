@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from mvp.errors import GeometryError
+from mvp.errors import GeometryError, OutputError
 from mvp.geometry import TriangleMesh, load_part, planar_patches, write_stl
 
 NIST = Path(__file__).parents[2].parent / "shared/data/nist_step"
@@ -74,6 +75,19 @@ def test_a_text_stl_keeps_every_digit_and_its_units(tmp_path: Path) -> None:
     part = load_part(tmp_path / "box.stl")
     assert part.units_source == "file"
     assert set(part.mesh.vertices_mm.ravel()) == set(mesh.vertices_mm.ravel())
+
+
+def test_an_stl_of_a_part_with_any_name_is_written(tmp_path: Path) -> None:
+    write_stl(replace(box_mesh(), name="Gehäuse"), tmp_path / "box.stl")
+    assert len(load_part(tmp_path / "box.stl").mesh.faces) == 12
+    assert [file.name for file in tmp_path.iterdir()] == ["box.stl"]
+
+
+def test_an_stl_that_cannot_be_written_leaves_nothing_behind(tmp_path: Path) -> None:
+    (tmp_path / "box.stl").mkdir()
+    with pytest.raises(OutputError, match=r"box\.stl"):
+        write_stl(box_mesh(), tmp_path / "box.stl")
+    assert [file.name for file in tmp_path.iterdir()] == ["box.stl"]
 
 
 def test_a_step_file_in_mm_has_the_published_size_and_is_a_closed_solid() -> None:
