@@ -8,9 +8,11 @@ import numpy as np
 
 from mvp.cell.durable import output_error, write_durably
 from mvp.cell.figures.scene_picture import SceneParts, Viewpoint, scene_picture
+from mvp.cell.light_config import illumination
 from mvp.cell.run_folder import encode_png
+from mvp.cell.verification import Expectations
 from mvp.geometry import Pose
-from mvp.imaging import RenderBody, RenderScene, render
+from mvp.imaging import RenderBody, RenderScene, meter_exposure, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,10 +21,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mvp.cell.plan_job import Setting
+    from mvp.imaging import ViewExpectation
     from mvp.planning.plan import Plan, PlannedView
 
 _GREY_PERCENTILE = 98.0
-_WHITE = 0.9
+_WHITE = 255
+_METERING_STEPS = 3
 
 
 def write_plan_pictures(setting: Setting, plan: Plan, folder: Path) -> list[Path]:
@@ -51,6 +55,7 @@ def _pictures(setting: Setting, plan: Plan, folder: Path) -> Iterator[Path]:
         folder / "scene.png",
         title="Part, features and planned viewpoints",
     )
+    expectations = Expectations(setting)
     bodies = RenderScene([RenderBody(scene.part), *map(RenderBody, scene.fixtures)])
     for view, point in zip(plan.views, viewpoints, strict=True):
         features = [scene.feature(name) for name in view.features]
@@ -67,7 +72,9 @@ def _pictures(setting: Setting, plan: Plan, folder: Path) -> Iterator[Path]:
             title=f"{view.id}: from where {', '.join(view.features)} are seen whole",
         )
         target = folder / f"{view.id}_simulated.png"
-        write_durably(target, encode_png(_simulated(setting, bodies, view)))
+        write_durably(
+            target, encode_png(_simulated(setting, bodies, view, expectations.of(view)))
+        )
         yield target
 
 
@@ -77,9 +84,12 @@ def viewpoint(view: PlannedView) -> Viewpoint:
 
 
 def _simulated(
-    setting: Setting, bodies: RenderScene, view: PlannedView
+    setting: Setting,
+    bodies: RenderScene,
+    view: PlannedView,
+    expectation: ViewExpectation,
 ) -> NDArray[np.uint8]:
-    """The expected picture, brightened to fill the grey scale."""
+    """The expected picture, exposed on the features as a capture would be."""
     image = render(
         bodies,
         Pose.from_matrix("part", "camera", np.array(view.part_from_camera)),
@@ -88,6 +98,11 @@ def _simulated(
         a_mm=view.a_mm,
         e_mm=view.pupil_offset_mm,
         intrinsics=setting.factory.intrinsics,
+        light=illumination(setting.cell.config.light),
     )
-    white = max(float(np.percentile(image.grey, _GREY_PERCENTILE)), 1e-9) / _WHITE
-    return np.asarray(np.clip(image.grey / white, 0, 1) * 255).astype(np.uint8)
+    white = max(float(np.percentile(image.grey, _GREY_PERCENTILE)), 1e-9)
+    share = image.grey / white
+    for _ in range(_METERING_STEPS):
+        frame = np.asarray(np.clip(share, 0, 1) * _WHITE).astype(np.uint8)
+        share = share * meter_exposure(frame, _WHITE, expectation)
+    return np.asarray(np.clip(share, 0, 1) * _WHITE).astype(np.uint8)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from mvp.cell.report.overlay import Polyline
+from mvp.cell.report.overlay import Polyline, Role
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ Entry: TypeAlias = "Mapping[str, object]"
 HEADS = (
     "feature",
     "predicted",
-    "measured",
+    "measured (± 95 %)",
     "difference",
     "offset (before)",
     "offset (after registration)",
@@ -27,6 +27,9 @@ HEADS = (
     "blur measured / predicted / allowed",
     "detail / required",
 )
+
+
+_CROSS_PX = np.array([[-6.0, 0.0], [6.0, 0.0], [0.0, 0.0], [0.0, -6.0], [0.0, 6.0]])
 
 
 @dataclass(frozen=True)
@@ -55,8 +58,10 @@ def measured_in(document: VerificationDocument | None) -> Measured:
     entries = [*document.edges, *_entries(extra.get("holes"))]
     shown = [_edge_lines(entry) for entry in document.edges]
     shown += [_rim_lines(entry) for entry in _entries(extra.get("holes"))]
+    points = _entries(extra.get("points"))
+    shown += [_point_marks(entry) for entry in points]
     return Measured(
-        rows=[_row(entry) for entry in entries],
+        rows=[*map(_row, entries), *map(_point_row, points)],
         notes=_notes(document, extra, entries),
         shown=[item for item in shown if item.lines],
     )
@@ -85,6 +90,43 @@ def _row(entry: Entry) -> list[str]:
     ]
 
 
+def _point_row(entry: Entry) -> list[str]:
+    """A point has a place, not a length."""
+    predicted, measured = entry.get("predicted_px"), entry.get("measured_px")
+    spread = _number(entry, "measured_sd_px")
+    return [
+        str(entry.get("feature")),
+        f"at {_place(predicted)}",
+        f"at {_place(measured)}"
+        + ("" if spread is None else f" ± {1.96 * spread:.2f}"),
+        "–",
+        _text(_number(entry, "offset_px"), "px")
+        + f" (≤ {_text(_number(entry, 'allowed_offset_px'), 'px')})",
+        *["–"] * (len(HEADS) - 5),
+    ]
+
+
+def _place(value: object) -> str:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        return "–"
+    return f"{float(value[0]):.2f}, {float(value[1]):.2f} px"
+
+
+def _point_marks(entry: Entry) -> Shown:
+    name, lines = str(entry.get("feature")), []
+    roles: tuple[tuple[str, Role], ...] = (
+        ("predicted_px", "predicted"),
+        ("measured_px", "measured"),
+    )
+    for key, role in roles:
+        place = entry.get(key)
+        if isinstance(place, list | tuple) and len(place) == 2:
+            cross = np.array(place, dtype=np.float64) + _CROSS_PX
+            lines.append(Polyline(cross, role, f"{name}, {role}"))
+    found = "not measured" if entry.get("measured_px") is None else "measured"
+    return Shown(lines, f"{name}: {found}")
+
+
 def _difference(predicted: float | None, measured: float | None) -> str:
     if predicted is None or measured is None:
         return "–"
@@ -94,8 +136,7 @@ def _difference(predicted: float | None, measured: float | None) -> str:
 def _notes(
     document: VerificationDocument, extra: Entry, entries: Sequence[Entry]
 ) -> list[str]:
-    lines = [str(extra["explanation"])] if extra.get("explanation") else []
-    lines += _strings(extra.get("notes"))
+    lines = _strings(extra.get("notes"))
     for entry in entries:
         for note in _strings(entry.get("notes")):
             lines.append(f"{entry.get('name') or entry.get('feature')}: {note}")

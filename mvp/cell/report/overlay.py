@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 from markupsafe import Markup, escape
@@ -19,7 +19,11 @@ if TYPE_CHECKING:
 
     from mvp.geometry import FloatArray
 
+_BAND = 3.2  # a predicted line is a band that shows beside the measured line on it
 _COLOURS = {"predicted": "#1f6fd6", "measured": "#e8730c"}
+
+
+Role: TypeAlias = Literal["predicted", "measured"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +31,7 @@ class Polyline:
     """Points (n, 2) in pixels, drawn as predicted or measured; ends get dots."""
 
     points_px: FloatArray
-    role: Literal["predicted", "measured"]
+    role: Role
     label: str = ""
     closed: bool = False
 
@@ -91,18 +95,16 @@ def _line(line: Polyline, stroke: float) -> Markup:
     text = " ".join(f"{x:.3f},{y:.3f}" for x, y in points)
     colour = _COLOURS[line.role]
     tag = "polygon" if line.closed else "polyline"
-    dashes = Markup(' stroke-dasharray="{:.2f} {:.2f}"').format(
-        4 * stroke, 2.5 * stroke
-    )
+    predicted = line.role == "predicted"
     shape = Markup(
-        '<{} points="{}" fill="none" stroke="{}" stroke-width="{:.3f}"{}>'
-        "<title>{}</title></{}>"
+        '<{} points="{}" fill="none" stroke="{}" stroke-width="{:.3f}" '
+        'stroke-opacity="{}"><title>{}</title></{}>'
     ).format(
         Markup(tag),
         text,
         colour,
-        stroke * (1.6 if line.role == "predicted" else 1.0),
-        dashes if line.role == "predicted" else Markup(""),
+        stroke * (_BAND if predicted else 1.0),
+        0.55 if predicted else 1,
         escape(line.label),
         Markup(tag),
     )

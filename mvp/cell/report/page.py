@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import PurePath
@@ -61,6 +62,7 @@ class ViewSection:
     verdict_class: VerdictClass
     binding: str
     cause: str
+    explanation: str
     check_first: str
     notes: list[str]
     tolerance_line: str
@@ -189,6 +191,7 @@ def _section(
         verdict_class=_VIEW_CLASS.get(status, "unsure"),
         binding=view.binding.replace("_", " "),
         cause="" if verification is None else verification.cause or "",
+        explanation=str(extra.get("explanation") or ""),
         check_first=str(extra.get("check_first") or ""),
         notes=list(view.notes),
         tolerance_line=(
@@ -282,7 +285,11 @@ def _settings(
         ("f, d, a", f"{view.f_mm:.3f}, {view.d_mm:.4f}, {view.a_mm:.4f} mm", ""),
         ("pupil in part frame", _vector(view.position_mm) + " mm", ""),
         ("viewing direction", _vector(view.view_direction, digits=4), ""),
-        ("roll", f"{view.roll_rad:.4f} rad", ""),
+        (
+            "roll",
+            f"{view.roll_rad:.4f} rad ({math.degrees(view.roll_rad):.1f} deg)",
+            "",
+        ),
     ]
     arrived = "–" if reached is None else _joints(reached.joints, units)
     rows.append(("joints", _joints(view.joints_rad, units), arrived))
