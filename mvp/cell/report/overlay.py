@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mvp.geometry import FloatArray
 
 _BAND = 3.2  # a predicted line is a band that shows beside the measured line on it
-_COLOURS = {"predicted": "#1f6fd6", "measured": "#e8730c"}
+_COLOURS = {"predicted": "#2b8cff", "measured": "#ff7a00"}
 
 
 Role: TypeAlias = Literal["predicted", "measured"]
@@ -65,7 +65,7 @@ def whole_picture(
         crop,
         Markup('<g transform="translate(-0.5 -0.5)">') + image + Markup("</g>"),
         lines,
-        stroke=max(width, height) / 420,
+        stroke=max(width, height) / 330,
     )
 
 
@@ -79,7 +79,7 @@ def close_up(name: str, lines: Sequence[Polyline], size_px: tuple[int, int]) -> 
     left, top = np.clip(middle - side / 2, -0.5, np.array(size_px) - 0.5 - side)
     image = Markup('<g transform="translate(-0.5 -0.5)"><use href="#{}"/></g>')
     crop = Crop(float(left), float(top), side, side)
-    return _svg(crop, image.format(name), lines, stroke=side / 220)
+    return _svg(crop, image.format(name), lines, stroke=side / 150)
 
 
 def _svg(
@@ -104,7 +104,7 @@ def _line(line: Polyline, stroke: float) -> Markup:
         text,
         colour,
         stroke * (_BAND if predicted else 1.0),
-        0.55 if predicted else 1,
+        0.85 if predicted else 1,
         escape(line.label),
         Markup(tag),
     )
