@@ -104,7 +104,8 @@ class Soup:
             return np.zeros(len(self.faces), dtype=np.bool_)
         slack = _ROUNDING * float(np.abs(self.corners).max(initial=0.0))
         heights = self.corners @ piece.planes[:, :3].T - piece.planes[:, 3]
-        behind = (heights <= slack)[self.faces].all(axis=1)
+        low = np.asarray(heights <= slack, dtype=np.bool_)
+        behind: BoolArray = np.asarray(low[self.faces].all(axis=1))
         return np.asarray(
             behind.all(axis=1) if piece.facing == "any" else behind.any(axis=1)
         )

@@ -248,6 +248,28 @@ def test_the_region_of_several_pieces_is_their_intersection():
     assert both.signed_distance(points)[inside] == pytest.approx(smaller[inside])
 
 
+def test_pieces_one_after_the_other_lose_nothing():
+    """Each is looked at only from where the ones before are seen."""
+    posts = [
+        block([x, y, 0], [x + 4, y + 4, 5 + abs(x)])
+        for x, y in ((-40, -20), (-15, 25), (20, -5), (35, 30))
+    ]
+    beyond = [block([x, -20, 60], [x + 10, 20, 70]) for x in (-90, 80)]
+    mesh = concatenated([*posts, plate_with_window(50, 30), *beyond])
+    pieces = [
+        FeaturePiece([[x, y, 0], [x + 8, y, 0], [x, y + 8, 0]], [[0, 0, 1, 0]], "all")
+        for x, y in ((-10, -10), (0, 12), (25, 5), (-30, 5), (5, -30))
+    ]
+    together = region_of(mesh, *pieces)
+    alone = intersection([region_of(mesh, piece) for piece in pieces])
+    assert together.volume_mm3 > 1e4
+    assert together.volume_mm3 == pytest.approx(alone.volume_mm3, rel=1e-9)
+    assert together.statistics.pieces == len(pieces)
+    assert (together.solid - alone.solid).volume() < 1e-6
+    assert (alone.solid - together.solid).volume() < 1e-6
+    assert together.statistics.kept < alone.statistics.kept
+
+
 def test_regions_of_different_workspaces_are_not_mixed():
     a = region_of(BLOCK, top_edge())
     b = visibility_region(prepare(BLOCK), [top_edge()], Box([-9] * 3, [9] * 3))
