@@ -35,6 +35,7 @@ from mvp.errors import (
     StoppedByOperator,
 )
 from mvp.planning.plan import NotCovered
+from mvp.testing.require import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -189,7 +190,9 @@ def test_after_a_device_fault_nothing_more_is_commanded(
     assert records[-2].where == device
     assert [r.view for r in records if isinstance(r, ViewStarted)] == ["v1"]
     assert not [r for r in records if isinstance(r, Captured)]
-    assert told(result.folder.path, "run: moving, view v1", "run: fault: ", "run: ended")
+    assert told(
+        result.folder.path, "run: moving, view v1", "run: fault: ", "run: ended"
+    )
 
 
 @pytest.mark.parametrize("state", [RunState.MOVING, RunState.ADJUSTING])
@@ -203,6 +206,9 @@ def test_ctrl_c_stops_the_devices_and_ends_the_run(
         if pressed:
             return
         runner.wait(lambda s: s.state is state, timeout_s=30)
+        # The state is told a moment before the view is recorded as begun.
+        (records,) = (tmp_path / "runs").glob("*/records.jsonl")
+        wait_until(lambda: "view_started" in records.read_text(), "the view began")
         pressed = True
         raise KeyboardInterrupt
 
