@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
+from mvp.cell.interrupts import uninterrupted
 from mvp.cli.output import report_error
 from mvp.errors import MvpCellError, StoppedByOperator, UsageError
 
@@ -34,6 +35,9 @@ _COMMANDS = (
 # typer carries its own copy of click from some version on; BadParameter is a
 # UsageError is a ClickException in both.
 _CLICK_ERROR = cast("type[Exception]", typer.BadParameter.__mro__[2])
+
+# What typer turns Ctrl-C into, silently; no command of ours returns it.
+_TYPERS_CTRL_C = 130
 
 
 def _version(asked: bool) -> None:
@@ -96,12 +100,14 @@ def invoke(arguments: Sequence[str]) -> int:
     try:
         return _dispatch(list(arguments))
     except MvpCellError as error:
-        _trace(debug)
-        return report_error(error, as_json=as_json)
+        with uninterrupted():
+            _trace(debug)
+            return report_error(error, as_json=as_json)
     except KeyboardInterrupt:
-        _trace(debug)
-        stopped = StoppedByOperator("stopped by the operator")
-        return report_error(stopped, as_json=as_json)
+        # Whoever presses it once more shall still read the message.
+        with uninterrupted():
+            _trace(debug)
+            return report_error(_stopped(), as_json=as_json)
     except Exception as error:
         _trace(debug)
         return report_error(_bug(error), as_json=as_json)
@@ -113,7 +119,7 @@ def _dispatch(arguments: list[str]) -> int:
     try:
         result = command.main(arguments, prog_name="mvp-cell", standalone_mode=False)
     except typer.Abort as error:
-        raise StoppedByOperator("stopped by the operator") from error
+        raise _stopped() from error
     except _CLICK_ERROR as error:
         message = _click_words(error)
         if type(error).__name__ == "NoArgsIsHelpError":
@@ -122,7 +128,13 @@ def _dispatch(arguments: list[str]) -> int:
         raise UsageError(
             message, hint=_usage_hint(error), where="command line"
         ) from error
+    if result == _TYPERS_CTRL_C:
+        raise _stopped()
     return result if isinstance(result, int) else 0
+
+
+def _stopped() -> StoppedByOperator:
+    return StoppedByOperator("stopped by the operator")
 
 
 def _click_words(error: Exception) -> str:

@@ -110,6 +110,29 @@ def test_ctrl_c_during_a_run_exits_6_with_one_document(
     assert document["folder"] == str(folder.parent)
 
 
+@pytest.mark.parametrize("presses", [1, 2])
+def test_ctrl_c_during_another_command_exits_6_with_one_message(presses: int) -> None:
+    code = (
+        "import os, signal; import mvp.cell.loading as l; from mvp.cli import main;"
+        "press = lambda: os.kill(os.getpid(), signal.SIGINT);"
+        "l.load_cell = lambda *a, **k: press();"
+        "tell = main.report_error;"
+        f"main.report_error = lambda *a, **k: [{presses} > 1 and press(), tell(*a, **k)][1];"
+        "main.main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "plan", "virtual", "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 6, done.stderr
+    document = json.loads(done.stdout)
+    assert document["code"] == 6
+    assert document["message"] == "stopped by the operator"
+    assert done.stderr.strip() == "error: stopped by the operator"
+
+
 def test_check_names_every_device_that_is_away(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
