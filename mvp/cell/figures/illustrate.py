@@ -27,6 +27,7 @@ Colour: TypeAlias = tuple[float, float, float]
 
 _OVERSAMPLING = 2
 _LAYERS = 2
+_ROWS_AT_ONCE = 128
 _CREASE_COSINE = 0.985
 _LIGHTS = ((0.45, 0.35, 0.85, 0.62), (-0.7, -0.2, 0.5, 0.22))
 _AMBIENT = 0.30
@@ -144,69 +145,100 @@ def draw(surfaces: Sequence[Surface], eye: Eye) -> Drawing:
         eye.width_mm,
         (columns * _OVERSAMPLING, rows * _OVERSAMPLING),
     )
-    origins, start = _pixel_rays(fine, surfaces)
+    start = _start(fine, surfaces)
     shape = (rows * _OVERSAMPLING, columns * _OVERSAMPLING)
     rgb = np.ones((*shape, 3), np.float32)
     depth = np.full(shape, np.inf, np.float32)
     for surface in (s for s in surfaces if s.opacity >= 1):
-        hits = _cast(surface, origins, fine, shape, 1)[0]
+        hits = _cast(surface, fine, start, 1)[0]
         nearer = hits.depth < depth
-        rgb[nearer] = _colours(hits, fine)[nearer]
+        rgb[nearer] = _colours(hits, fine, nearer)
         depth = np.minimum(depth, hits.depth)
     layers: list[_Hits] = []
     for surface in (s for s in surfaces if s.opacity < 1):
-        layers += _cast(surface, origins, fine, shape, _LAYERS)
+        layers += _cast(surface, fine, start, _LAYERS)
     _blend(rgb, depth, layers, fine)
     return Drawing(_shrink(rgb), _shrink_nearest(depth) + start, eye)
 
 
-def _pixel_rays(eye: Eye, surfaces: Sequence[Surface]) -> tuple[FloatArray, float]:
-    """Ray origins (n, 3) on a plane in front of everything, and that plane's depth."""
-    right, down, forward = eye.axes
-    columns, rows = eye.size_px
+def _start(eye: Eye, surfaces: Sequence[Surface]) -> float:
+    """Depth of a plane in front of everything, where rays begin."""
     nearest = min(
         (float(eye.project(s.mesh.vertices_mm)[1].min()) for s in surfaces), default=0.0
     )
-    start = nearest - 1.0
-    x = (np.arange(columns) - (columns - 1) / 2) * eye.mm_per_px
-    y = (np.arange(rows) - (rows - 1) / 2) * eye.mm_per_px
-    grid_x, grid_y = np.meshgrid(x, y)
-    origins = (
-        eye.target_mm
-        + start * forward
-        + grid_x.reshape(-1, 1) * right
-        + grid_y.reshape(-1, 1) * down
-    )
-    return origins, start
+    return nearest - 1.0
 
 
-def _cast(
-    surface: Surface,
-    origins: FloatArray,
-    eye: Eye,
-    shape: tuple[int, int],
-    layers: int,
-) -> list[_Hits]:
+def _cast(surface: Surface, eye: Eye, start_mm: float, layers: int) -> list[_Hits]:
+    """The first layers of a surface; rays only where it can be hit at all."""
     mesh = surface.mesh
     scene = rtcore_scene.EmbreeScene()
     EmbreeMesh(scene, mesh.vertices_mm.astype(np.float32), mesh.faces.astype(np.int32))
+    columns, rows = eye.size_px
+    shape = (rows, columns)
+    depths = np.full((layers, *shape), np.inf, np.float32)
+    triangles = np.full((layers, *shape), -1, np.int64)
+    across, down = _window(mesh, eye)
+    for top in range(down.start, down.stop, _ROWS_AT_ONCE):
+        band = (slice(top, min(top + _ROWS_AT_ONCE, down.stop)), across)
+        size = (band[0].stop - band[0].start, across.stop - across.start)
+        origins = _origins(eye, start_mm, band).reshape(-1, 3)
+        found = _layers_of(scene, origins, eye, mesh, layers)
+        for layer, (depth, triangle) in enumerate(found):
+            depths[layer][band] = depth.reshape(size)
+            triangles[layer][band] = triangle.reshape(size)
+    return [_Hits(surface, depths[k], triangles[k]) for k in range(layers)]
+
+
+def _window(mesh: TriangleMesh, eye: Eye) -> tuple[slice, slice]:
+    """Columns and rows that the mesh can fall on."""
+    pixels, _ = eye.project(mesh.vertices_mm)
+    low = np.clip(np.floor(pixels.min(axis=0)).astype(int) - 1, 0, eye.size_px)
+    high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 2, 0, eye.size_px)
+    return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+
+
+def _origins(eye: Eye, start_mm: float, band: tuple[slice, slice]) -> FloatArray:
+    """Where the rays of some rows and columns begin, (rows, columns, 3) mm."""
+    right, down, forward = eye.axes
+    columns, rows = eye.size_px
+    x = (np.arange(columns)[band[1]] - (columns - 1) / 2) * eye.mm_per_px
+    y = (np.arange(rows)[band[0]] - (rows - 1) / 2) * eye.mm_per_px
+    plane = eye.target_mm + start_mm * forward
+    return np.asarray(plane + x[:, None] * right + (y[:, None] * down)[:, None])
+
+
+def _layers_of(
+    scene: rtcore_scene.EmbreeScene,
+    origins: FloatArray,
+    eye: Eye,
+    mesh: TriangleMesh,
+    layers: int,
+) -> list[tuple[Float32Array, IntArray]]:
+    """Depth (n,) and triangle (n,) of each layer; only a hit has another behind it."""
     forward = eye.axes[2].astype(np.float32)
-    directions = np.broadcast_to(forward, origins.shape).copy()
-    start = origins.astype(np.float32)
-    travelled = np.zeros(len(origins), np.float32)
     step = np.float32(1e-4 * max(1.0, mesh.extent_mm))
+    alive = np.arange(len(origins))
+    begin = origins.astype(np.float32)
+    travelled = np.zeros(len(origins), np.float32)
     result = []
     for _ in range(layers):
-        found = scene.run(start + travelled[:, None] * forward, directions, output=True)
-        triangle = found["primID"]
-        depth = np.where(triangle >= 0, travelled + found["tfar"], np.float32(np.inf))
-        result.append(_Hits(surface, depth.reshape(shape), triangle.reshape(shape)))
-        travelled = np.where(triangle >= 0, depth + step, travelled)
+        depth = np.full(len(origins), np.inf, np.float32)
+        triangle = np.full(len(origins), -1, np.int64)
+        directions = np.tile(forward, (len(alive), 1))
+        starts = begin[alive] + travelled[alive, None] * forward
+        found = scene.run(starts, directions, output=True)
+        hit = found["primID"] >= 0
+        alive = alive[hit]
+        triangle[alive] = found["primID"][hit]
+        depth[alive] = travelled[alive] + found["tfar"][hit]
+        travelled[alive] = depth[alive] + step
+        result.append((depth, triangle))
     return result
 
 
-def _colours(hits: _Hits, eye: Eye) -> Float32Array:
-    """Two-sided Lambert with a key and a fill light fixed to the eye, (h, w, 3)."""
+def _colours(hits: _Hits, eye: Eye, where: BoolArray) -> Float32Array:
+    """Two-sided Lambert with a key and a fill light fixed to the eye, (n, 3)."""
     right, down, forward = eye.axes
     normals = hits.surface.mesh.normals
     towards = np.where((normals @ forward)[:, None] > 0, -normals, normals)
@@ -215,9 +247,9 @@ def _colours(hits: _Hits, eye: Eye) -> Float32Array:
         direction = unit(x * right - y * down - z * forward)
         light = light + strength * np.clip(towards @ direction, 0, 1)
     table = np.clip(light, 0, 1.15)[:, None] * np.array(hits.surface.colour)
-    rgb = np.clip(table, 0, 1).astype(np.float32)[hits.triangle]
+    rgb = np.clip(table, 0, 1).astype(np.float32)[hits.triangle[where]]
     if hits.surface.edges and hits.surface.opacity >= 1:
-        rgb[_crease(hits, eye)] = _INK
+        rgb[_crease(hits, eye)[where]] = _INK
     return np.asarray(rgb)
 
 
@@ -247,18 +279,21 @@ def _blend(
     """Mix translucent layers into ``rgb`` in place, farthest first at every pixel."""
     if not layers:
         return
-    depths = np.stack([hits.depth for hits in layers])
-    order = np.argsort(-depths, axis=0)
-    colours = [_colours(hits, eye) for hits in layers]
     opacity = [
         np.where(hits.depth < opaque_depth, _opacity(hits, eye), np.float32(0))
         for hits in layers
     ]
+    touched = np.logical_or.reduce([values > 0 for values in opacity])
+    mixed = rgb[touched]
+    order = np.argsort([-hits.depth[touched] for hits in layers], axis=0)
+    colours = [_colours(hits, eye, touched) for hits in layers]
+    strength = [values[touched] for values in opacity]
     for rank in range(len(layers)):
         for number, colour in enumerate(colours):
-            mine = (order[rank] == number) & (opacity[number] > 0)
-            alpha = opacity[number][mine][:, None]
-            rgb[mine] = (1 - alpha) * rgb[mine] + alpha * colour[mine]
+            mine = (order[rank] == number) & (strength[number] > 0)
+            alpha = strength[number][mine][:, None]
+            mixed[mine] = (1 - alpha) * mixed[mine] + alpha * colour[mine]
+    rgb[touched] = mixed
 
 
 def _opacity(hits: _Hits, eye: Eye) -> Float32Array:
