@@ -25,6 +25,7 @@ _SHIFT_PX = 3.0
 _ROLL_DEG = 0.5
 _RESIDUAL_PX = 0.35
 _SCALE = 0.01
+_SURE_SD = 3.0
 _CLIPPED_SHARE = 0.5
 
 CHECK_FIRST: dict[Cause, str] = {
@@ -32,7 +33,8 @@ CHECK_FIRST: dict[Cause, str] = {
     "underexposed": "is the light on? is the iris open? lengthen the exposure",
     "motion": "settle time of the arm, vibration of the mount, frame time stamps",
     "defocus": "focus motor position and backlash, lens table, extension tube",
-    "zoom": "zoom motor position and lens table (focal length)",
+    "zoom": "zoom and focus motor positions and lens table (focal length), and the size "
+    "(scale) of the part",
     "misalignment": "part in its place? then hand-eye and part-pose calibration",
     "occlusion": "something in front of the part: clamps, cables, chips, a wrong part",
     "low contrast": "move the light: both faces of the edge have the same grey",
@@ -54,6 +56,9 @@ class Evidence:
             although they should stand out.
         found: share of the expected edge length that was found.
         clipped: share of the feature edges and their neighbours with saturated pixels.
+        kept: every feature was found where the plan and the other edges put it.
+        witnesses: how many edges the residual rests on.
+        scale_sd: standard deviation of the alignment's scale.
     """
 
     alignment: Alignment
@@ -62,6 +67,19 @@ class Evidence:
     lost: tuple[str, ...]
     found: float
     clipped: float = 0.0
+    kept: bool = False
+    witnesses: int = 0
+    scale_sd: float = 0.0
+
+    @property
+    def roll_deg(self) -> float:
+        """Turn of the picture, without its sign."""
+        return abs(float(np.rad2deg(self.alignment.roll_rad)))
+
+    @property
+    def scale_change(self) -> float:
+        """Relative change of size, with its sign."""
+        return self.alignment.scale - 1
 
 
 @dataclass(frozen=True)
@@ -129,17 +147,17 @@ def _blur_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | N
 
 
 def _scale_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | None:
-    alignment = evidence.alignment
+    """A large change of size, which brings small shifts and turns of its own."""
     limit = max(_ZOOM_SCALE, 2 * scale_tolerance(expectation))
     if (
-        abs(alignment.scale - 1) > limit
-        and alignment.shift_px < max(_ZOOM_SHIFT_PX, shift_tolerance_px(expectation))
-        and abs(np.rad2deg(alignment.roll_rad)) < _ZOOM_ROLL_DEG
+        abs(evidence.scale_change) > limit
+        and evidence.alignment.shift_px
+        < max(_ZOOM_SHIFT_PX, shift_tolerance_px(expectation))
+        and evidence.roll_deg < _ZOOM_ROLL_DEG
         and evidence.residual_px < _ZOOM_RESIDUAL_PX
     ):
-        return Finding(
-            "zoom", f"everything is {alignment.scale - 1:+.1%} larger than planned"
-        )
+        text = f"scaled by {evidence.scale_change:+.1%} (limit {limit:.1%})"
+        return Finding("zoom", f"the picture is {text} against the plan")
     return None
 
 
@@ -154,21 +172,74 @@ def _clipped_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding 
 
 
 def _place_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | None:
-    alignment, tolerance = evidence.alignment, expectation.tolerance
-    roll = abs(float(np.rad2deg(alignment.roll_rad)))
-    shift_limit = max(_SHIFT_PX, shift_tolerance_px(expectation))
-    if (
-        alignment.shift_px > shift_limit
-        or roll > max(_ROLL_DEG, tolerance.angle_deg)
-        or abs(alignment.scale - 1) > max(_SCALE, scale_tolerance(expectation))
-        or evidence.residual_px > max(_RESIDUAL_PX, parallax_tolerance_px(expectation))
-    ):
-        return Finding(
-            "misalignment",
-            f"the picture is shifted by {alignment.shift_px:.1f} px, turned by "
-            f"{roll:.2f} deg and scaled by {alignment.scale - 1:+.1%} against the plan",
+    broken = _Limits.of(expectation).broken(evidence)
+    if not broken:
+        return None
+    # A wrong pose also shifts, turns or distorts; size alone is a matter of the lens or
+    # of the part.
+    size_alone = [word for word, _ in broken] == ["scaled"]
+    cause: Cause = "zoom" if size_alone else "misalignment"
+    return Finding(cause, "; ".join(text for _, text in broken))
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """How far a whole picture may lie from the plan."""
+
+    shift_px: float
+    roll_deg: float
+    scale: float
+    residual_px: float
+
+    @classmethod
+    def of(cls, expectation: ViewExpectation) -> _Limits:
+        """What the plan's tolerance explains, or what measuring leaves."""
+        return cls(
+            max(_SHIFT_PX, shift_tolerance_px(expectation)),
+            max(_ROLL_DEG, expectation.tolerance.angle_deg),
+            max(_SCALE, scale_tolerance(expectation)),
+            residual_limit_px(expectation),
         )
-    return None
+
+    def broken(self, evidence: Evidence) -> list[tuple[str, str]]:
+        """The rules that do not hold: a word, and a text with number and limit.
+
+        Edges that fit no common motion accuse nobody while every feature is found in
+        its place.
+        """
+        shift_px, change = evidence.alignment.shift_px, evidence.scale_change
+        broken = []
+        if shift_px > self.shift_px:
+            text = f"shifted by {shift_px:.1f} px (limit {self.shift_px:.1f} px)"
+            broken.append(("shifted", f"the picture is {text} against the plan"))
+        if evidence.roll_deg > self.roll_deg:
+            text = (
+                f"turned by {evidence.roll_deg:.2f} deg (limit {self.roll_deg:.2f} deg)"
+            )
+            broken.append(("turned", f"the picture is {text} against the plan"))
+        if abs(change) > max(self.scale, _SURE_SD * evidence.scale_sd):
+            text = f"scaled by {change:+.1%} (limit {self.scale:.1%})"
+            broken.append(("scaled", f"the picture is {text} against the plan"))
+        excused = evidence.kept and np.isfinite(evidence.residual_px)
+        if evidence.residual_px > self.residual_px and not excused:
+            broken.append(("residual", residual_words(evidence, self.residual_px)))
+        return broken
+
+
+def residual_words(evidence: Evidence, limit_px: float) -> str:
+    """What the best shift, turn and scale leave of the edges."""
+    if not np.isfinite(evidence.residual_px):
+        return "too few of the expected edges were found to say where the picture lies"
+    return (
+        f"the edges do not lie to each other as planned: residual of "
+        f"{evidence.witnesses} edges {evidence.residual_px:.2f} px, limit "
+        f"{limit_px:.2f} px"
+    )
+
+
+def residual_limit_px(expectation: ViewExpectation) -> float:
+    """How badly edges may fit a shift, turn and scale."""
+    return max(_RESIDUAL_PX, parallax_tolerance_px(expectation))
 
 
 def _depth_mm(expectation: ViewExpectation) -> float:

@@ -26,6 +26,8 @@ _FOUND_SHARE = 0.7
 _LARGEST_RESIDUAL_PX = 1.5
 _FAINT = 0.05
 _FEWEST_EDGES = 3
+# Edges known better than this count alike in the residual, vaguer ones less.
+_SHARP_SD_PX = 0.15
 _FEWEST_FOR_POSE = 8
 _POSE_REACH_PX = 1.5
 _POSE_GAIN = 0.6
@@ -45,12 +47,14 @@ class MeasuredView:
         alignment: plan to picture.
         residual_px: (n,) what the alignment leaves of each edge's offset, nan if lost.
         agrees: (n,) found, and where the alignment says.
-        rms_px: of the residuals of the edges that agree.
+        rms_px: of the residuals of the edges that agree, the vague ones counting less.
         share_before: of the expected length found where it was expected.
         share_after: the same with the alignment.
         coarse: result of the search over shift, roll and scale, if it was needed.
         pose: the motion of the part that explains the offsets; where it does so
             better than a similarity (edges at different depths) edges are placed by it.
+        witnesses: how many edges the residual rests on.
+        scale_sd: standard deviation of the alignment's scale.
     """
 
     found: tuple[EdgeMeasurement, ...]
@@ -62,6 +66,8 @@ class MeasuredView:
     share_after: float
     coarse: CoarseMatch | None
     pose: PoseOffset | None = None
+    witnesses: int = 0
+    scale_sd: float = float("inf")
 
     def line(self, expectation: ViewExpectation, index: int) -> Line:
         """Where the measured piece of an expected edge should be now."""
@@ -156,22 +162,50 @@ def _aligned(
     residual, agrees = np.full(count, np.nan), np.zeros(count, dtype=np.bool_)
     use = np.array([i for i, m in enumerate(found) if m.found], dtype=np.int64)
     rms, total = _unfitted(expectation, len(use)), alignment
+    witnesses, scale_sd = 0, float("inf")
     if len(use) < _FEWEST_EDGES:
         residual[use] = [found[i].offset_px for i in use]
         agrees[use] = True
     else:
         clipped = np.array([found[i].saturated > _CLIPPED for i in use])
         sound = use if (~clipped).sum() < _FEWEST_EDGES else use[~clipped]
-        total = alignment.then(_fit(expectation, alignment, found, sound).alignment)
+        fit = _fit(expectation, alignment, found, sound)
+        total, scale_sd = alignment.then(fit.alignment), fit.scale_sd
         residual[use] = [_left(expectation, total, found, i) for i in use]
         gate = _GATE_PX + _GATE_PER_BLUR * np.array([found[i].blur_px for i in use])
-        agrees[use] = np.abs(residual[use]) < gate + clipped * _CLIPPED_PX
-        kept = residual[sound][agrees[sound]]
-        rms = float(np.sqrt(np.mean(kept**2))) if len(kept) else rms
+        sd = _sd_px(found, use)
+        agrees[use] = (np.abs(residual[use]) < gate + clipped * _CLIPPED_PX) & (
+            sd < gate
+        )
+        kept = sound[agrees[sound]]
+        witnesses = len(kept)
+        rms = residual_rms_px(residual[kept], _sd_px(found, kept)) if witnesses else rms
     share = _share(expectation, agrees)
     return MeasuredView(
-        tuple(found), total, residual, agrees, rms, share, share, coarse
+        tuple(found),
+        total,
+        residual,
+        agrees,
+        rms,
+        share,
+        share,
+        coarse,
+        witnesses=witnesses,
+        scale_sd=scale_sd,
     )
+
+
+def _sd_px(found: list[EdgeMeasurement], which: IntArray) -> FloatArray:
+    return np.array([found[i].offset_sd_px for i in which])
+
+
+def residual_rms_px(residual_px: FloatArray, sd_px: FloatArray) -> float:
+    """What an alignment leaves of (n,) edges with (n,) standard deviations.
+
+    An edge that is itself known to half a pixel cannot tell of a third of one.
+    """
+    weight = 1 / (sd_px**2 + _SHARP_SD_PX**2)
+    return float(np.sqrt(np.average(residual_px**2, weights=weight)))
 
 
 def _left(
@@ -203,8 +237,7 @@ def _fit(
         alignment.line(expectation.edges[i].start_px, expectation.edges[i].end_px)
         for i in use
     ]
-    sd = np.array([found[i].offset_sd_px for i in use])
-    return fit_alignment(expected, [found[i].line for i in use], sd)
+    return fit_alignment(expected, [found[i].line for i in use], _sd_px(found, use))
 
 
 def _share(expectation: ViewExpectation, agrees: BoolArray) -> float:
@@ -262,6 +295,7 @@ def _posed(expectation: ViewExpectation, view: MeasuredView) -> MeasuredView:
         if m.found:
             middle = posed.line(expectation, i).middle_px
             residual[i] = float(m.line.across @ (m.line.middle_px - middle))
-            agrees[i] = abs(residual[i]) < _GATE_PX + _GATE_PER_BLUR * m.blur_px
+            gate = _GATE_PX + _GATE_PER_BLUR * m.blur_px
+            agrees[i] = max(abs(residual[i]), m.offset_sd_px) < gate
     share = _share(expectation, agrees)
     return replace(posed, residual_px=residual, agrees=agrees, share_after=share)

@@ -80,12 +80,14 @@ class AlignmentFit:
         residual_px: (n,) offset of each edge that the similarity leaves.
         inlier: (n,) edges it agrees with.
         rms_px: of the inliers' residuals.
+        scale_sd: standard deviation of the scale.
     """
 
     alignment: Alignment
     residual_px: FloatArray
     inlier: BoolArray
     rms_px: float
+    scale_sd: float
 
 
 def fit_alignment(
@@ -100,7 +102,7 @@ def fit_alignment(
     """
     rows, right = _equations(expected, measured)
     weight_sd = np.repeat(np.hypot(sd_px, _OFFSET_FLOOR_PX), 2)
-    solution = _robust(rows, right, weight_sd)
+    solution, covariance = _robust(rows, right, weight_sd)
     left = right - rows @ solution
     residual = left.reshape(-1, 2).mean(axis=1)
     scatter = max(1.4826 * float(np.median(np.abs(left))), _SMALLEST_SCATTER_PX)
@@ -112,7 +114,8 @@ def fit_alignment(
         float(np.arctan2(solution[2], 1 + solution[3])),
         float(np.hypot(1 + solution[3], solution[2])),
     )
-    return AlignmentFit(alignment, residual, np.asarray(inlier), rms)
+    scale_sd = float(np.sqrt(covariance[3, 3]))
+    return AlignmentFit(alignment, residual, np.asarray(inlier), rms, scale_sd)
 
 
 def _equations(
@@ -130,11 +133,17 @@ def _equations(
     return np.array(rows).reshape(-1, 4), np.array(right)
 
 
-def _robust(rows: FloatArray, right: FloatArray, sd: FloatArray) -> FloatArray:
-    """Iteratively reweighted least squares, first L1, then Tukey's biweight."""
+def _robust(
+    rows: FloatArray, right: FloatArray, sd: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Iteratively reweighted least squares, first L1, then Tukey's biweight.
+
+    Returns the solution and its covariance.
+    """
     weight = 1 / sd
     prior = np.diag(1 / _PRIOR_SD**2)
     solution: FloatArray = np.zeros(rows.shape[1])
+    system = prior
     for number in range(_ROUNDS):
         scaled = rows * (weight**2)[:, None]
         system = rows.T @ scaled + prior
@@ -148,4 +157,4 @@ def _robust(rows: FloatArray, right: FloatArray, sd: FloatArray) -> FloatArray:
             weight = np.asarray(
                 np.clip(1 - (left / (4.7 * spread)) ** 2, 0, 1) / spread
             )
-    return np.asarray(solution)
+    return solution, np.asarray(np.linalg.inv(system))

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.imaging.blur_excess import BlurExcess, blur_excess
-from mvp.imaging.cause import CHECK_FIRST, Evidence, Finding, exposure_fault
+from mvp.imaging.cause import (
+    CHECK_FIRST,
+    Evidence,
+    Finding,
+    exposure_fault,
+    residual_limit_px,
+    residual_words,
+)
 from mvp.imaging.edge_samples import Picture
 from mvp.imaging.measure_edges import FAINT
 from mvp.imaging.measure_exposure import feature_exposure
@@ -39,6 +46,7 @@ if TYPE_CHECKING:
 
     from mvp.geometry import FloatArray
     from mvp.imaging.expectation import ViewExpectation
+    from mvp.imaging.verify_data import Verdict
 
 _CLEAN_MISFIT = 4.0
 _WHITE = 0.95
@@ -107,6 +115,9 @@ def _judged(
         reports.lost(),
         view.share_after,
         _clipped_share(expectation, view),
+        reports.kept(expectation),
+        view.witnesses,
+        view.scale_sd,
     )
     verdict, finding = judge(expectation, evidence, reports)
     return ViewVerification(
@@ -114,7 +125,7 @@ def _judged(
         cause=finding.cause if finding else None,
         explanation=finding.explanation if finding else "every promise was kept",
         check_first=CHECK_FIRST[finding.cause] if finding else "",
-        notes=expectation.notes + (remarks(reports) if verdict == "pass" else ()),
+        notes=expectation.notes + _remarks(expectation, evidence, reports, verdict),
         edges=reports.edges,
         holes=reports.holes,
         points=reports.points,
@@ -122,6 +133,17 @@ def _judged(
         exposure=exposure,
         registration=_registration(expectation, view),
     )
+
+
+def _remarks(
+    expectation: ViewExpectation, evidence: Evidence, reports: Reports, verdict: Verdict
+) -> tuple[str, ...]:
+    if verdict != "pass":
+        return ()
+    limit_px = residual_limit_px(expectation)
+    if evidence.residual_px <= limit_px:
+        return remarks(reports)
+    return (*remarks(reports), residual_words(evidence, limit_px))
 
 
 def _clipped_share(expectation: ViewExpectation, view: MeasuredView) -> float:

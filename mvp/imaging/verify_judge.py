@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from mvp.imaging.cause import Evidence, Finding, picture_fault
+from mvp.imaging.cause import Evidence, Finding, picture_fault, residual_limit_px
 from mvp.imaging.verify_edges import (
     LOST,
     SATURATED,
@@ -67,6 +67,17 @@ class Reports:
         return tuple(
             missing + [p.feature for p in self.points if p.measured_px is None]
         )
+
+    def kept(self, expectation: ViewExpectation) -> bool:
+        """Every feature was found where plan and picture put it, as promised."""
+        limit_px = residual_limit_px(expectation)
+        measured: list[EdgeReport | HoleReport] = [*self.edges, *self.holes]
+        if any(abs(r.offset_after_px or 0.0) > limit_px for r in measured):
+            return False
+        doubtful = self.lost() or self.pale() or self.crowded(expectation)
+        if doubtful or any(r.offset_px is None for r in (*measured, *self.points)):
+            return False
+        return bool(measured or self.points) and not _first_broken(expectation, self)
 
     def _hidden(self, report: EdgeReport | HoleReport) -> bool:
         missing = report.step is None or report.visible_fraction < LOST
