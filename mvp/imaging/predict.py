@@ -121,24 +121,18 @@ def expect_view(
         auxiliary: how many further edges are measured for registration.
     """
     plane = ImagePlane(intrinsics, f_mm, d_mm, a_mm, e_mm)
-    scene = RenderScene([RenderBody(mesh)])
-    lines = _lines(edges)
+    scene, lines = RenderScene([RenderBody(mesh)]), _lines(edges)
     seen = sight(lines, scene, part_from_camera, plane)
-    promised = requirements or {}
-    stage = _Stage(scene, part_from_camera, plane, light, lines, seen, promised)
+    stage = _Stage(
+        scene, part_from_camera, plane, light, lines, seen, requirements or {}
+    )
     builder = _Builder(stage)
     rims, points = builder.add_features(features)
     builder.add_auxiliary(auxiliary)
-    return ViewExpectation(
-        plane=plane,
-        c_px=c_mm / plane.px_mm,
-        tolerance=tolerance or ViewTolerance(),
-        edges=tuple(builder.edges),
-        drawn=_all_drawn(stage, mesh),
-        rims=rims,
-        points=points,
-        notes=tuple(builder.notes),
-    )
+    drawn, notes = _all_drawn(stage, mesh), tuple(builder.notes)
+    c_px, allowed = c_mm / plane.px_mm, tolerance or ViewTolerance()
+    kept = tuple(builder.edges)
+    return ViewExpectation(plane, c_px, allowed, kept, drawn, rims, points, notes)
 
 
 def _lines(edges: EdgeList) -> Lines:
