@@ -236,8 +236,9 @@ class CellEngine:
 
     def stop(self) -> Sequence[Exception]:
         """Stop all three devices, from any thread; every path is tried."""
+        if not self._stopped.is_set():
+            _LOG.warning("stopping arm, lens and camera")
         self._stopped.set()
-        _LOG.warning("stopping arm, lens and camera")
         return self._devices.stop()
 
     def may_still_move(self) -> str:

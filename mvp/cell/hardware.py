@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from mvp.cell.engine import CellDevices
+from mvp.cell.interrupts import uninterrupted
 from mvp.cell.toml_file import config_error
 from mvp.devices import (
     Arm,
@@ -206,12 +207,13 @@ def try_open(devices: Mapping[str, Device]) -> dict[str, Exception]:
 def close_all(devices: Mapping[str, Device]) -> dict[str, Exception]:
     """Close all devices; failures by role, nothing raised."""
     failures: dict[str, Exception] = {}
-    for role, device in devices.items():
-        try:
-            device.close()
-        except Exception as error:
-            _LOG.error("%s: closing failed: %s", device.name, error)
-            failures[role] = error
+    with uninterrupted():
+        for role, device in devices.items():
+            try:
+                device.close()
+            except Exception as error:
+                _LOG.error("%s: closing failed: %s", device.name, error)
+                failures[role] = error
     return failures
 
 

@@ -52,7 +52,10 @@ class DeviceRecord(FileModel):
 
 
 class RunStarted(_Record):
-    """The run began, or began again after a crash."""
+    """The run began, or began again after a crash.
+
+    ``cell_file`` is where the cell was found, for the command that resumes the run.
+    """
 
     type: Literal["run_started"] = "run_started"
     resumed: bool
@@ -62,6 +65,7 @@ class RunStarted(_Record):
     devices: list[DeviceRecord]
     accepted_calibration: dict[str, str] = Field(default_factory=dict)
     version: str
+    cell_file: str = ""
 
 
 class ViewStarted(_Record):

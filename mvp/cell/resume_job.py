@@ -131,6 +131,7 @@ def _again(first: RunStarted, session: Session) -> RunStarted:
         devices=device_records(session.infos),
         accepted_calibration=session.setting.cell.calibrations.accepted,
         version=version("mvp-cell"),
+        cell_file=str(session.setting.cell.source.path),
     )
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import re
-import threading
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -18,9 +17,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mvp.cell.beside import run_beside
 from mvp.cell.durable import check_writable, write_durably
 from mvp.cell.engine import CellEngine
 from mvp.cell.hardware import WorldBodies, build_devices, check_serials, opened
+from mvp.cell.interrupts import uninterrupted
 from mvp.cell.lock import cell_lock
 from mvp.cell.logs import log_devices, log_to
 from mvp.cell.preflight import Routes, check_limits
@@ -85,11 +86,22 @@ class Watcher:
         follow: called in the caller's thread until the run has ended; may raise
             ``KeyboardInterrupt``, which stops the devices.
         on_status: told about every change.
+        on_end: told how the run ended, before anything else is written.
     """
 
     allow: Callable[[Motion], bool]
     follow: Callable[[Runner], None]
     on_status: Callable[[RunStatus], None] | None = None
+    on_end: Callable[[RunFolder, RunOutcome], None] | None = None
+
+    def tell_end(self, folder: RunFolder, outcome: RunOutcome) -> None:
+        """Tell how it ended; a failure to do so never spoils the run."""
+        if self.on_end is None:
+            return
+        try:
+            self.on_end(folder, outcome)
+        except Exception:
+            _LOG.exception("the end of the run could not be told")
 
 
 @dataclass(frozen=True)
@@ -204,6 +216,7 @@ def start_run(
                 devices=device_records(session.infos),
                 accepted_calibration=setting.cell.calibrations.accepted,
                 version=version("mvp-cell"),
+                cell_file=str(setting.cell.source.path),
             )
         )
         return session.drive(folder, journal, plan, plan.views, step=options.step)
@@ -288,9 +301,11 @@ class Session:
                 step=step,
                 on_status=self.watcher.on_status,
             )
-            outcome = _in_thread(runner, self.watcher.follow)
+            outcome = run_beside(runner, self.watcher.follow)
             timing = {"run": time.perf_counter() - began, "plan": plan.timing_s.total}
-            document = write_document(self.setting, folder, plan, timing)
+            with uninterrupted():
+                self.watcher.tell_end(folder, outcome)
+                document = write_document(self.setting, folder, plan, timing)
             _LOG.info("run: %s after %.2f s", document.status, timing["run"])
         return RunResult(self.setting, document, folder, outcome)
 
@@ -326,29 +341,6 @@ class Session:
             store=folder.store,
             verifier=PictureVerifier(expectations, folder.load),
         )
-
-
-def _in_thread(runner: Runner, follow: Callable[[Runner], None]) -> RunOutcome:
-    """Run beside the caller's thread, which stays free for Ctrl-C."""
-    outcomes: list[RunOutcome] = []
-    worker = threading.Thread(
-        target=lambda: outcomes.append(runner.run()), name="mvp-cell run"
-    )
-    worker.start()
-    stopping = False
-    while worker.is_alive():
-        # A second Ctrl-C may come while the first one is still being served.
-        try:
-            if stopping:
-                runner.abort()
-            else:
-                follow(runner)
-            worker.join()
-        except KeyboardInterrupt:
-            stopping = True
-    if not outcomes:
-        raise RuntimeError("the run ended without an outcome")
-    return outcomes[0]
 
 
 def write_document(

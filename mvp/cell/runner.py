@@ -84,12 +84,14 @@ class RunOutcome:
     Attributes:
         error: what ended it early, if anything.
         further: errors met while ending it.
+        may_still_move: what an accepted command may still be moving, and until when.
     """
 
     reason: FinishReason
     verified: tuple[Verified, ...]
     error: Exception | None = None
     further: tuple[Exception, ...] = ()
+    may_still_move: str = ""
 
 
 class Runner:
@@ -185,8 +187,10 @@ class Runner:
         self._enter(RunState.PREPARING)
         error = self._guarded(self._take_views)
         reason = self._reason(error)
-        further = self._finish(reason, error)
-        return RunOutcome(reason, tuple(self._verified), error, tuple(further))
+        moving = "" if error is None else self._engine.may_still_move()
+        further = self._finish(reason, error, moving)
+        verified = tuple(self._verified)
+        return RunOutcome(reason, verified, error, tuple(further), moving)
 
     def _take_views(self) -> None:
         self._device(self._engine.prepare)
@@ -271,12 +275,13 @@ class Runner:
             return "aborted"
         return "fault" if isinstance(error, DeviceError) else "error"
 
-    def _finish(self, reason: FinishReason, error: Exception | None) -> list[Exception]:
+    def _finish(
+        self, reason: FinishReason, error: Exception | None, may_still_move: str
+    ) -> list[Exception]:
         """Stop what may move, record why, and record the end as the last line."""
         self._enter(RunState.FINISHING)
         further: list[Exception] = []
         if error is not None:
-            may_still_move = self._engine.may_still_move()
             _log_end(error, reason, may_still_move)
             further += self._stop_devices()
             fault = _fault(error, may_still_move)

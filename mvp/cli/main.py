@@ -82,7 +82,14 @@ def main() -> None:
     """Entry point of the console script."""
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     signal.signal(signal.SIGTERM, _terminated)
-    sys.exit(invoke(sys.argv[1:]))
+    try:
+        code = invoke(sys.argv[1:])
+    except KeyboardInterrupt:
+        code = StoppedByOperator.exit_code
+    # All is said; Ctrl-C while the interpreter ends would change the exit code.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    sys.exit(code)
 
 
 def _terminated(number: int, frame: FrameType | None) -> None:

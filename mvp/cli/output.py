@@ -36,16 +36,21 @@ def report_error(
     as_json: bool,
     folder: str | None = None,
     moving: str | None = None,
+    told: bool = False,
 ) -> int:
-    """Tell person and program what went wrong; returns the exit code."""
+    """Tell person and program what went wrong; returns the exit code.
+
+    Args:
+        error: what went wrong.
+        as_json: print the document too.
+        folder: of the run that was begun.
+        moving: what may still be moving.
+        told: the person knows already.
+    """
     from mvp.cell.documents import ErrorDocument
 
-    lines = console()
-    lines.print(f"error: {error.message}", style="bold red", markup=False)
-    if error.hint:
-        lines.print(f"hint:  {error.hint}", markup=False)
-    if moving:
-        lines.print(f"may still be moving: {moving}", style="bold red", markup=False)
+    if not told:
+        tell_error(error, moving=moving)
     if as_json:
         print_model(
             ErrorDocument(
@@ -59,3 +64,13 @@ def report_error(
             )
         )
     return error.exit_code
+
+
+def tell_error(error: MvpCellError, *, moving: str | None = None) -> None:
+    """What went wrong, what may still be moving, and what to do, for a person."""
+    lines = console()
+    lines.print(f"error: {error.message}", style="bold red", markup=False)
+    if moving:
+        lines.print(f"may still be moving: {moving}", style="bold red", markup=False)
+    if error.hint:
+        lines.print(f"hint:  {error.hint}", markup=False)

@@ -66,26 +66,30 @@ def run(
 
 def _finished(result: RunResult, as_json: bool) -> int:
     """Table or document; an early end is an error that names the run's folder."""
+    from mvp.cell.interrupts import uninterrupted
     from mvp.cell.run_document import EXIT_CODES
-    from mvp.cli.output import print_model, report_error
+    from mvp.cli.output import print_model
     from mvp.cli.tables import print_run
-    from mvp.errors import MvpCellError, StoppedByOperator
 
-    document, outcome = result.document, result.outcome
-    print_run(document)
-    if outcome.reason == "completed":
+    document = result.document
+    with uninterrupted():
+        print_run(document)
+        if result.outcome.reason != "completed":
+            return _ended_early(result, as_json)
         if as_json:
             print_model(document)
         return EXIT_CODES[document.status]
-    error = outcome.error
-    if outcome.reason == "aborted":
-        error = StoppedByOperator(
-            "stopped by the operator",
-            hint=f"go on with --resume {document.run_id}",
-        )
-    if not isinstance(error, MvpCellError):
-        raise error or RuntimeError("the run ended early without an error")
-    folder = document.folder or ""
-    return report_error(
-        error, as_json=as_json, folder=folder, moving=document.may_still_move
-    )
+
+
+def _ended_early(result: RunResult, as_json: bool) -> int:
+    """The document for the program; the person was told at once when it ended."""
+    from mvp.cli.output import report_error
+    from mvp.cli.run_flow import early_end
+
+    outcome = result.outcome
+    error = early_end(result.setting.cell, result.folder, outcome)
+    if error is None:
+        raise outcome.error or RuntimeError("the run ended early without an error")
+    moving = outcome.may_still_move or None
+    folder = str(result.folder.path)
+    return report_error(error, as_json=as_json, folder=folder, moving=moving, told=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from mvp.cell.loading import LoadedCell, load_task
 from mvp.cell.plan_job import Setting, make_plan
 from mvp.cell.report_hook import write_report_if_possible
+from mvp.cell.resume_command import resume_command
 from mvp.cell.resume_job import resume_run
 from mvp.cell.run_job import (
     Motion,
@@ -20,13 +21,14 @@ from mvp.cell.run_job import (
 )
 from mvp.cell.states import RunState, RunStatus
 from mvp.cli.ask import allow_motion, ask, terminal
-from mvp.cli.output import console, print_model
+from mvp.cli.output import console, print_model, tell_error
 from mvp.cli.progress import stages
 from mvp.cli.tables import print_plan, print_run
-from mvp.errors import UsageError
+from mvp.errors import MvpCellError, StoppedByOperator, UsageError
 
 if TYPE_CHECKING:
-    from mvp.cell.runner import Runner
+    from mvp.cell.run_folder import RunFolder
+    from mvp.cell.runner import Runner, RunOutcome
     from mvp.planning.plan import Plan
 
 _LOOK_EVERY_S = 0.2
@@ -73,15 +75,25 @@ class RunFlow:
         return planned.setting, planned.plan
 
     def _reported(self, result: RunResult) -> RunResult:
-        with stages() as tell:
-            tell("drawing the report")
-            page = write_report_if_possible(result)
+        page = None
+        try:
+            with stages() as tell:
+                tell("drawing the report")
+                page = write_report_if_possible(result)
+        except KeyboardInterrupt:
+            console().print("no report: stopped by the operator")
         if page is not None:
             console().print(f"report: {page}", markup=False)
         return result
 
     def _watcher(self) -> Watcher:
-        return Watcher(self._allow, self._follow, _show)
+        return Watcher(self._allow, self._follow, _show, self._tell_end)
+
+    def _tell_end(self, folder: RunFolder, outcome: RunOutcome) -> None:
+        """Before anything is drawn: what may still be moving cannot wait."""
+        error = early_end(self.cell, folder, outcome)
+        if error is not None:
+            tell_error(error, moving=outcome.may_still_move)
 
     def _allow(self, motion: Motion) -> bool:
         return allow_motion(motion, yes=self.yes)
@@ -108,6 +120,28 @@ class RunFlow:
                 "--step asks before every view, and there is no terminal to ask on",
                 hint="leave out --step, or run it on a terminal",
             )
+
+
+def early_end(
+    cell: LoadedCell, folder: RunFolder, outcome: RunOutcome
+) -> MvpCellError | None:
+    """Why a run ended early and how to go on; None when it did not, or for a bug."""
+    if outcome.reason == "completed":
+        return None
+    command = resume_command(
+        folder.path, cell.source.path, accept_calibration=cell.accept_calibration
+    )
+    if outcome.reason == "aborted":
+        return StoppedByOperator(
+            "stopped by the operator", hint=f"go on with: {command}"
+        )
+    error = outcome.error
+    if isinstance(error, MvpCellError):
+        if command not in error.hint:
+            first = f"{error.hint}; then " if error.hint else ""
+            error.hint = f"{first}go on with: {command}"
+        return error
+    return None
 
 
 def _show(status: RunStatus) -> None:

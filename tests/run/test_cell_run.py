@@ -40,7 +40,8 @@ from mvp.testing.require import wait_until
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mvp.cell.runner import Runner
+    from mvp.cell.run_folder import RunFolder
+    from mvp.cell.runner import Runner, RunOutcome
     from mvp.cell.states import RunStatus
     from mvp.planning.plan import Plan
 
@@ -84,9 +85,10 @@ def run(
     *,
     follow: Callable[[Runner], None] = lambda runner: None,
     on_status: Callable[[RunStatus], None] | None = None,
+    on_end: Callable[[RunFolder, RunOutcome], None] | None = None,
 ) -> RunResult:
     setting = setting_of(fast_cell(tmp_path / "cell", world))
-    watcher = Watcher(lambda motion: motion.simulated, follow, on_status)
+    watcher = Watcher(lambda motion: motion.simulated, follow, on_status, on_end)
     return start_run(setting, prepared.plan, RunOptions(tmp_path / "runs"), watcher)
 
 
@@ -212,9 +214,20 @@ def test_ctrl_c_stops_the_devices_and_ends_the_run(
         pressed = True
         raise KeyboardInterrupt
 
-    result = run(prepared, tmp_path, follow=follow)
+    told_first: list[str] = []
+
+    def on_end(folder: RunFolder, outcome: RunOutcome) -> None:
+        told_first.append(folder.read_document().status)
+        told_first.append(outcome.may_still_move)
+
+    result = run(prepared, tmp_path, follow=follow, on_end=on_end)
     assert result.outcome.reason == "aborted"
     assert result.document.status == "aborted"
+    device = {RunState.MOVING: "the arm", RunState.ADJUSTING: "the lens"}[state]
+    assert told_first[0] == "running"
+    assert told_first[1].startswith(device)
+    log = (result.folder.path / "log.jsonl").read_text()
+    assert log.count("stopping arm, lens and camera") == 1
     records = result.folder.records()
     assert isinstance(records[-1], RunFinished)
     assert [r.view for r in records if isinstance(r, ViewStarted)] == ["v1"]

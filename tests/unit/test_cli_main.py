@@ -76,11 +76,15 @@ def test_real_motion_needs_a_person_or_yes() -> None:
 
 
 @pytest.mark.parametrize(
-    "number",
-    [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.full)],
+    ("number", "presses"),
+    [
+        pytest.param(signal.SIGINT, 1, marks=pytest.mark.full),
+        (signal.SIGINT, 5),
+        pytest.param(signal.SIGTERM, 1, marks=pytest.mark.full),
+    ],
 )
 def test_ctrl_c_during_a_run_exits_6_with_one_document(
-    number: signal.Signals, tmp_path: Path
+    number: signal.Signals, presses: int, tmp_path: Path
 ) -> None:
     cell = tmp_path / "cell"
     shutil.copytree(bundled_root() / "virtual", cell, copy_function=shutil.copyfile)
@@ -99,7 +103,9 @@ def test_ctrl_c_during_a_run_exits_6_with_one_document(
         if records and "view_started" in records[0].read_text():
             break
         time.sleep(0.05)
-    process.send_signal(number)
+    for _ in range(presses):
+        process.send_signal(number)
+        time.sleep(0.1)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 6, err
     document = json.loads(out)
@@ -108,6 +114,10 @@ def test_ctrl_c_during_a_run_exits_6_with_one_document(
     (folder,) = tmp_path.glob("runs/*/run.json")
     assert json.loads(folder.read_text())["status"] == "aborted"
     assert document["folder"] == str(folder.parent)
+    assert err.count("error: stopped by the operator") == 1
+    command = f"mvp-cell run cell --out runs --resume {folder.parent.name}"
+    assert f"go on with: {command}\n" in err
+    assert err.index("go on with") < err.index("kept in")
 
 
 @pytest.mark.parametrize("presses", [1, 2])
