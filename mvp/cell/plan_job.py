@@ -12,6 +12,7 @@ from mvp.cell.plan_document import ViewWriter, not_covered
 from mvp.cell.plan_problem import ProblemFactory
 from mvp.cell.plan_views import Found, ViewFinder
 from mvp.cell.task_scene import TaskScene, build_scene
+from mvp.cell.verification import Expectations
 from mvp.planning.plan import CellStamp, FileStamp, Plan, Timing
 
 if TYPE_CHECKING:
@@ -106,8 +107,11 @@ def make_plan(
     finder = ViewFinder(setting.factory, setting.arm, seed, say, forecast)
     found = finder.find(features, task.config.planning.max_views)
     found = finder.explained(found)
-    writer = ViewWriter(setting.factory)
-    views = [writer.planned(i, view) for i, view in enumerate(found.views, 1)]
+    writer, expectations = ViewWriter(setting.factory), Expectations(setting)
+    views = [
+        expectations.foretold(writer.planned(number, view))
+        for number, view in enumerate(found.views, 1)
+    ]
     watch.lap("optimise")
     plan = Plan(
         status=_status(found),

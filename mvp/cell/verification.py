@@ -21,6 +21,7 @@ from mvp.imaging import (
     ViewExpectation,
     ViewTolerance,
     expect_view,
+    foretold,
     meter_exposure,
     verify_view,
 )
@@ -56,6 +57,11 @@ class Expectations:
         if view.id not in self._built:
             self._built[view.id] = self._expect(view)
         return self._built[view.id]
+
+    def foretold(self, view: PlannedView) -> PlannedView:
+        """The view with notes about what its picture will not tell."""
+        notes = [*view.notes, *foretold(self.of(view))]
+        return view.model_copy(update={"notes": list(dict.fromkeys(notes))})
 
     def _expect(self, view: PlannedView) -> ViewExpectation:
         scene, factory = self.setting.scene, self.setting.factory

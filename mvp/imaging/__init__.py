@@ -6,6 +6,7 @@ from mvp.imaging.expectation import (
     ViewExpectation,
     ViewTolerance,
 )
+from mvp.imaging.foretell import foretold
 from mvp.imaging.light import Illumination, Lamp
 from mvp.imaging.measure_exposure import meter_exposure
 from mvp.imaging.predict import expect_view
@@ -41,6 +42,7 @@ __all__ = [
     "expect_view",
     "expose",
     "exposure_for",
+    "foretold",
     "meter_exposure",
     "outward_normals",
     "render",

@@ -100,19 +100,19 @@ def judge(
         return "fail", finding
     pale, crowded = reports.pale(), reports.crowded(expectation)
     if pale:
-        text = f"{_listed(pale)}: too little contrast in this light"
+        text = f"{listed(pale)}: too little contrast in this light"
         return "not measurable", Finding("low contrast", text)
     if crowded:
-        text = f"{_listed(crowded)}: another line is too close beside it"
+        text = f"{listed(crowded)}: another line is too close beside it"
         return "not measurable", Finding("resolution", text)
     missing = reports.unmeasured()
     if missing:
-        text = f"{_listed(missing)}: an end is not marked by any visible edge"
+        text = f"{listed(missing)}: an end is not marked by any visible edge"
         return "not measurable", Finding("no end found", text)
     return "pass", None
 
 
-def _listed(names: tuple[str, ...]) -> str:
+def listed(names: tuple[str, ...]) -> str:
     """The first few of some names, each once."""
     once = list(dict.fromkeys(names))
     more = len(once) - _MOST_NAMES
