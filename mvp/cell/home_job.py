@@ -11,7 +11,7 @@ from pydantic import Field
 from mvp.cell.hardware import opened
 from mvp.cell.lock import cell_lock
 from mvp.cell.plan_job import Setting, prepare
-from mvp.cell.run_job import Motion, build_for, lock_file
+from mvp.cell.run_job import Motion, build_for, lock_of
 from mvp.errors import InfeasibleError, StoppedByOperator
 from mvp.fileedge import FileModel
 from mvp.kinematics import NoPath, find_path
@@ -51,8 +51,8 @@ def home_cell(
     setting = prepare(cell, task)
     devices = build_for(setting)
     with ExitStack() as stack:
-        lock = lock_file(setting, cell.folder)
         if not cell.config.simulated:
+            lock = lock_of(setting, cell.folder)
             stack.enter_context(cell_lock(lock, run_id="home"))
         infos = stack.enter_context(opened(devices))
         path = _path_home(setting, devices)

@@ -1,24 +1,80 @@
 """One run at a time on one cell.
 
 The operating system holds the lock for the life of the process, so a killed run never
-leaves a stale one behind; the text in the file only tells people who holds it.
+leaves a stale one behind; the text in the file only tells people who holds it. The file
+is removed by whoever holds it, so that nothing is left after a run.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import socket
 import sys
-from contextlib import contextmanager
+import tempfile
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from mvp.cell.durable import output_error
-from mvp.errors import RecordError
+from mvp.cell.places import bundled_root
+from mvp.errors import OutputError, RecordError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
+
+_LOCK_NAME = ".mvp-cell.lock"
+_TRIES = 5
+_TRY_AGAIN_S = 0.02
+
+
+def lock_file(cell_file: Path, out: Path, *, simulated: bool) -> Path:
+    """Where the lock of a cell is.
+
+    A real cell has one lock, beside its ``cell.toml``; where that folder is bundled or
+    cannot be written, in a private folder of the user for temporary files. A simulated
+    world lives in one process and cannot be disturbed by another one: its lock, in the
+    folder of the results, protects those alone.
+
+    Args:
+        cell_file: the ``cell.toml``.
+        out: parent of the run's folder.
+        simulated: the cell is simulated.
+
+    Raises:
+        OutputError: the private folder is not the user's own.
+    """
+    cell_file = cell_file.resolve()
+    name = f".{hashlib.sha256(os.fsencode(cell_file)).hexdigest()[:16]}.lock"
+    if simulated:
+        return out / name
+    folder = cell_file.parent
+    bundled = folder.is_relative_to(bundled_root().resolve())
+    if not bundled and os.access(folder, os.W_OK):
+        return folder / _LOCK_NAME
+    return _private_folder() / name
+
+
+def _private_folder() -> Path:
+    """For the locks of cells whose own folder cannot take one."""
+    user = os.getuid() if sys.platform != "win32" else os.getlogin()
+    folder = Path(tempfile.gettempdir()) / f"mvp-cell-{user}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        status = folder.lstat()
+    except OSError as error:
+        raise output_error(folder, error) from error
+    if sys.platform != "win32" and (
+        status.st_uid != user or status.st_mode & 0o077 or not folder.is_dir()
+    ):
+        raise OutputError(
+            f"{folder}: not a private folder of yours, so it cannot hold the cell's lock",
+            hint="remove it, or set TMPDIR to a folder of your own",
+            where=str(folder),
+        )
+    return folder
 
 
 @contextmanager
@@ -29,21 +85,62 @@ def cell_lock(path: Path, *, run_id: str) -> Iterator[bool]:
         RecordError: another process holds it; names process, host and run.
         OutputError: the file cannot be made.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        file = path.open("a+b")
-    except OSError as error:
-        raise output_error(path, error) from error
-    with file:
-        if not _acquire(file):
-            raise _held(path, _content(file))
+    with _locked(path) as file:
         crashed = bool(_content(file))
         holder = {"pid": os.getpid(), "host": socket.gethostname(), "run": run_id}
         try:
             _replace(file, json.dumps(holder).encode())
             yield crashed
         finally:
-            _replace(file, b"")
+            _release(path, file)
+
+
+def held_by(path: Path) -> str | None:
+    """The run that holds a lock now; empty when it does not say, None when nobody."""
+    try:
+        file = path.open("r+b")
+    except OSError:
+        return None
+    with file:
+        if _acquire(file):
+            return None
+        return str(_holder(_content(file)).get("run", ""))
+
+
+def _locked(path: Path) -> IO[bytes]:
+    """The open file, locked, and still the one that has this name."""
+    content = b""
+    for _ in range(_TRIES):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            file = path.open("a+b")
+        except OSError as error:
+            raise output_error(path, error) from error
+        if _acquire(file):
+            if _is_at(path, file):
+                return file
+            file.close()  # its last holder has removed it meanwhile
+            continue
+        content = _content(file)
+        file.close()
+        # Somebody may only be looking who holds it.
+        time.sleep(_TRY_AGAIN_S)
+    raise _held(path, content)
+
+
+def _is_at(path: Path, file: IO[bytes]) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except OSError:
+        return False
+
+
+def _release(path: Path, file: IO[bytes]) -> None:
+    """Remove the file while it is held, so that nobody else can be holding it."""
+    _replace(file, b"")
+    if sys.platform != "win32" and _is_at(path, file):
+        with suppress(OSError):
+            path.unlink()
 
 
 def _content(file: IO[bytes]) -> bytes:
@@ -75,12 +172,19 @@ def _acquire(file: IO[bytes]) -> bool:
     return True
 
 
-def _held(path: Path, content: bytes) -> RecordError:
+def _holder(content: bytes) -> dict[str, object]:
     try:
         holder = json.loads(content)
+    except ValueError:
+        return {}
+    return holder if isinstance(holder, dict) else {}
+
+
+def _held(path: Path, content: bytes) -> RecordError:
+    holder = _holder(content)
+    who = "another process"
+    if {"pid", "host", "run"} <= holder.keys():
         who = f"process {holder['pid']} on {holder['host']} (run {holder['run']})"
-    except (ValueError, KeyError, TypeError):
-        who = "another process"
     return RecordError(
         f"{path}: {who} is running on this cell",
         hint="wait until it has finished, or stop it",

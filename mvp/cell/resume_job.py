@@ -30,7 +30,7 @@ from mvp.cell.run_job import (
     Watcher,
     device_records,
     input_hashes,
-    lock_file,
+    lock_of,
     utc_now,
     write_document,
 )
@@ -60,7 +60,7 @@ def resume_run(
     task = load_task(cell, plan.task.file)
     setting = prepare(cell, task)
     with ExitStack() as stack:
-        lock = lock_file(setting, folder.path.parent)
+        lock = lock_of(setting, folder.path.parent)
         stack.enter_context(cell_lock(lock, run_id=folder.run_id))
         records = folder.records(repair=True)
         first = _first(folder, records)

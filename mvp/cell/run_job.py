@@ -22,7 +22,7 @@ from mvp.cell.durable import check_writable, write_durably
 from mvp.cell.engine import CellEngine
 from mvp.cell.hardware import WorldBodies, build_devices, check_serials, opened
 from mvp.cell.interrupts import uninterrupted
-from mvp.cell.lock import cell_lock
+from mvp.cell.lock import cell_lock, lock_file
 from mvp.cell.logs import log_devices, log_to
 from mvp.cell.preflight import Routes, check_limits
 from mvp.cell.records import DeviceRecord, InputHashes, RecordLog, RunStarted
@@ -201,7 +201,7 @@ def start_run(
     check_writable(options.out, needed_bytes=_needed_bytes(setting, len(plan.views)))
     name = _run_name(setting, options.part_id)
     with ExitStack() as stack:
-        stack.enter_context(cell_lock(lock_file(setting, options.out), run_id=name))
+        stack.enter_context(cell_lock(lock_of(setting, options.out), run_id=name))
         session = Session.open(stack, setting, plan.views, watcher)
         folder = create_run_folder(options.out, name)
         text = plan.model_dump_json(by_alias=True, indent=1).encode()
@@ -233,11 +233,10 @@ def input_hashes(setting: Setting, plan_text: bytes) -> InputHashes:
     )
 
 
-def lock_file(setting: Setting, out: Path) -> Path:
-    """One lock per real cell; a simulated one lives in this process alone."""
-    if setting.cell.config.simulated:
-        return out / f".{_slug(setting.cell.config.name)}.lock"
-    return setting.cell.folder / ".mvp-cell.lock"
+def lock_of(setting: Setting, out: Path) -> Path:
+    """The lock file of a cell; see ``mvp.cell.lock``."""
+    cell = setting.cell
+    return lock_file(cell.source.path, out, simulated=cell.config.simulated)
 
 
 def _check_before(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from mvp.cell.loading import load_cell, load_task
-from mvp.cell.lock import cell_lock
+from mvp.cell.lock import cell_lock, lock_file
 from mvp.cell.places import bundled_root
 from mvp.cell.plan_job import Setting, make_plan, prepare
 from mvp.cell.records import (
@@ -250,13 +250,13 @@ def test_a_folder_that_vanishes_ends_the_run_before_the_next_motion(
 
 
 def test_two_runs_on_one_cell_are_refused(prepared: Prepared, tmp_path: Path) -> None:
-    lock = tmp_path / "runs" / ".virtual.lock"
-    with (
-        cell_lock(lock, run_id="the first"),
-        pytest.raises(RecordError, match="the first"),
-    ):
-        run(prepared, tmp_path)
-    assert [p.name for p in (tmp_path / "runs").iterdir()] == [".virtual.lock"]
+    cell = tmp_path / "cell" / "cell.toml"
+    lock = lock_file(cell, tmp_path / "runs", simulated=True)
+    with cell_lock(lock, run_id="the first"):
+        with pytest.raises(RecordError, match="the first"):
+            run(prepared, tmp_path)
+        assert list((tmp_path / "runs").iterdir()) == [lock]
+    assert not list((tmp_path / "runs").iterdir())
 
 
 def test_motion_that_is_not_allowed_leaves_nothing_behind(
