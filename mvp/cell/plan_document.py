@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from mvp.planning.tolerance import Certificate
 
 _THIN_SIGMA = 3.0
+_THIN = "standard deviations from failing"
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +103,7 @@ class ViewWriter:
         }
 
     def _notes(self, realised: RealisedView, written: dict[str, Margin]) -> list[str]:
-        notes = list(dict.fromkeys((*realised.solution.notes, *realised.repairs)))
+        notes = [*realised.solution.notes, *realised.repairs]
         optics = self.factory.cell.config.optics
         advice = tube_needed(
             self.factory.table.with_tube(0.0),
@@ -117,11 +118,6 @@ class ViewWriter:
                 f"mount the {realised.tube_mm:g} mm extension tube and set "
                 f"optics.mounted_tube_mm = {realised.tube_mm:g} before the run"
             )
-        weakest = written[_binding(written)].normalised
-        if weakest is not None and weakest < _THIN_SIGMA:
-            notes.append(
-                f"admissible, but only {weakest:.1f} standard deviations from failing"
-            )
         if realised.path.via:
             notes.append(f"the arm goes round by way of {realised.path.via}")
         if realised.contrast is not None:
@@ -132,7 +128,23 @@ class ViewWriter:
                 "the visibility region was simplified on the safe side; the view "
                 "itself was checked exactly"
             )
-        return notes
+        return with_thin_margin(notes, written[_binding(written)].normalised)
+
+
+def with_thin_margin(notes: list[str], weakest: float | None) -> list[str]:
+    """Notes, each once, with a warning about the smallest normalised margin.
+
+    The planner's own warning is left out: the margin of the rounded motor steps says
+    it with the final number.
+    """
+    kept = [note for note in dict.fromkeys(notes) if _THIN not in note]
+    if weakest is None or weakest >= _THIN_SIGMA:
+        return kept
+    warning = (
+        f"admissible, but only {weakest:.1f} {_THIN}: expect pictures that do not keep "
+        "the specification"
+    )
+    return [*kept, warning]
 
 
 def not_covered(failed: Failed) -> list[NotCovered]:

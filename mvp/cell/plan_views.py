@@ -269,6 +269,7 @@ class ViewFinder:
             failed.attempt,
             seed=self.seed,
             name_face=self.factory.face_name,
+            splittable=len(failed.features) > 1,
         )
         blocked = (
             f"; in the way: {', '.join(answer.blockers)}" if answer.blockers else ""

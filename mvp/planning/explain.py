@@ -92,6 +92,7 @@ def explain(
     *,
     seed: int,
     name_face: FaceName | None = None,
+    splittable: bool = True,
 ) -> Explanation:
     """Explain an attempt that ended without an admissible view.
 
@@ -100,6 +101,8 @@ def explain(
         failed: what the search found.
         seed: for the repeated searches.
         name_face: how to call a face id of the occluding scene.
+        splittable: whether several features are asked for, so that views may share
+            them.
 
     Raises:
         ValueError: the attempt has an admissible view.
@@ -112,7 +115,7 @@ def explain(
         f"{len(failed.solutions)} searches"
     )
     if not failed.solutions:
-        return _seen_from_nowhere(problem, searched, namer)
+        return _seen_from_nowhere(problem, searched, namer, splittable=splittable)
     best = _sensible(problem, failed.solutions)
     conflicts = conflict_set(problem, best)
     cures, no_help = knob_cures(problem, failed, namer)
@@ -128,7 +131,7 @@ def explain(
         conflicts=conflicts,
         cures=tuple(cures),
         no_help=tuple(no_help),
-        fix=_fix(cures),
+        fix=_fix(cures, splittable=splittable),
         searched=searched,
         blockers=blockers,
     )
@@ -188,31 +191,39 @@ def _bound_words(lens: LensBounds, view: Views, name: str) -> str:
 def _reason(
     best: Solution, conflicts: tuple[Conflict, ...], lens_is_cause: bool
 ) -> str:
-    names = ", ".join(c.name for c in conflicts if not _is_bound(c))
+    names = _in_words([c.name for c in conflicts if not _is_bound(c)])
     bounds = "; ".join(c.text for c in conflicts if _is_bound(c))
-    text = (
-        f"{names} cannot be kept together: the best view misses by {-best.t:.1f} sigma"
-    )
+    text = f"{names}: the best view misses by {-best.t:.1f} sigma"
     if bounds:
         text += f"; {bounds}"
     return text + ("; the lens range is the cause" if lens_is_cause else "")
+
+
+def _in_words(kinds: list[str]) -> str:
+    """Kinds of requirements that meet, as the start of a sentence."""
+    words = [kind.replace("_", " ") for kind in kinds]
+    if not words:
+        return "no view is admissible"
+    if len(words) == 1:
+        return f"{words[0]} cannot be kept"
+    return f"{', '.join(words[:-1])} and {words[-1]} cannot be kept together"
 
 
 def _is_bound(conflict: Conflict) -> bool:
     return conflict.name.endswith(("_min", "_max"))
 
 
-def _fix(cures: list[Cure]) -> str:
+def _fix(cures: list[Cure], *, splittable: bool) -> str:
     if not cures:
+        split = "split the features over two views, or " if splittable else ""
         return (
-            "no single change was found to help; split the features over two views, "
-            "or change part, fixture or lens"
+            f"no single change was found to help; {split}change part, fixture or lens"
         )
     return "; or ".join(cure.text for cure in cures)
 
 
 def _seen_from_nowhere(
-    problem: PlanningProblem, searched: str, namer: FaceName
+    problem: PlanningProblem, searched: str, namer: FaceName, *, splittable: bool
 ) -> Explanation:
     regions = [c.region for c in problem.constraints if isinstance(c, Visibility)]
     words = "; ".join(
@@ -221,16 +232,15 @@ def _seen_from_nowhere(
     reason = "no place in the workspace sees the features whole"
     if problem.accept is not None:
         reason += " and can be reached"
+    move = "give a larger workspace", "move what is in the way"
+    options = [*move, "split the features over several views"] if splittable else move
     return Explanation(
         reason=f"{reason}: {words}" if words else reason,
         nearest=None,
         conflicts=(),
         cures=(),
         no_help=(),
-        fix=(
-            "give a larger workspace, move what is in the way, or split the features "
-            "over several views"
-        ),
+        fix=f"{', '.join(options[:-1])} or {options[-1]}",
         searched=searched,
         blockers=(),
     )

@@ -67,6 +67,8 @@ def test_the_conflict_names_the_lens_bound_and_the_requirements_that_meet():
     assert weight["focus_near"] == pytest.approx(0.68, abs=0.03)
     assert weight["resolution"] == pytest.approx(0.14, abs=0.03)
     assert "focus cannot be set closer than d = 12.800 mm" in why.reason
+    assert "focus near, resolution, " in why.reason
+    assert " cannot be kept together: " in why.reason
     assert "lens range is the cause" in why.reason
     assert "20000 candidates" in why.searched
 
@@ -168,6 +170,9 @@ def test_features_that_are_seen_from_nowhere_are_explained_by_what_hides_them():
     assert why.nearest_data == {}
     assert "no place in the workspace sees the features whole" in why.reason
     assert "hide" in why.reason
+    assert "split the features" in why.fix
+    alone = explain(blind, failed, seed=0, splittable=False)
+    assert alone.fix == "give a larger workspace or move what is in the way"
 
 
 def test_the_face_that_blocks_a_view_is_named():
