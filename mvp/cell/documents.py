@@ -49,7 +49,11 @@ class DriversDocument(FileModel):
 
 
 class RunSummary(FileModel):
-    """One line of ``mvp-cell runs``."""
+    """One line of ``mvp-cell runs``.
+
+    ``status`` is that of the run, or "broken off" when its process died, or "damaged".
+    ``resume`` is the command that goes on with it, empty when there is nothing to do.
+    """
 
     run_id: str
     folder: str
@@ -60,7 +64,9 @@ class RunSummary(FileModel):
     started_utc: str = ""
     simulated: bool = False
     views: int = 0
+    captured: int = 0
     verified: int = 0
+    resume: str = ""
 
 
 class RunsDocument(FileModel):

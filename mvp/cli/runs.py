@@ -27,11 +27,16 @@ def runs(
     found = summaries(out)
     table = Table("run", "cell", "task", "part", "status", "views")
     for run in found:
-        views = f"{run.verified} of {run.views}"
+        views = f"{run.verified} of {run.views} verified"
+        if run.status in ("broken off", "running"):
+            views = f"{run.captured} of {run.views} captured"
         table.add_row(run.run_id, run.cell, run.task, run.part_id, run.status, views)
     lines = console()
     if found:
         lines.print(table)
+        for run in found:
+            if run.resume:
+                lines.print(f"go on with: {run.resume}", markup=False)
     else:
         lines.print(f"no runs in {out}")
     if as_json:

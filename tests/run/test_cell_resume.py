@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from mvp.cell.loading import load_cell, load_task
+from mvp.cell.lock import cell_lock, lock_file
 from mvp.cell.places import bundled_root
 from mvp.cell.plan_job import make_plan
 from mvp.cell.records import Captured, RunFinished, RunStarted, Verified, read_records
@@ -229,6 +231,40 @@ def test_a_run_whose_files_changed_is_not_resumed(
     assert code == document["code"] == 2
     assert says in document["message"]
     assert (folder / "records.jsonl").read_bytes() == before
+
+
+def test_a_run_whose_process_died_is_listed_as_broken_off_with_its_command(
+    planned: tuple[Path, Path],
+    broken_off: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "my runs"
+    shutil.copytree(broken_off, out / broken_off.name)
+    monkeypatch.chdir(tmp_path)
+    assert invoke(["runs", "--out", "my runs", "--json"]) == 0
+    said = capsys.readouterr()
+    (listed,) = json.loads(said.out)["runs"]
+    assert (listed["status"], listed["captured"], listed["views"]) == (
+        "broken off",
+        1,
+        2,
+    )
+    assert "1 of 2 captured" in said.err
+    assert f"go on with: {listed['resume']}\n" in said.err
+    words = shlex.split(listed["resume"])
+    assert words[1:] == [
+        *("run", str(planned[0]), "--out", "my runs", "--resume", broken_off.name)
+    ]
+    lock = lock_file(planned[0] / "cell.toml", out, simulated=True)
+    with cell_lock(lock, run_id=broken_off.name):
+        assert invoke(["runs", "--out", "my runs", "--json"]) == 0
+        (listed,) = json.loads(capsys.readouterr().out)["runs"]
+        assert listed["status"] == "running"
+    assert invoke(words[1:]) in JUDGED
+    check_complete(out / broken_off.name)
+    assert not lock.exists()
 
 
 def test_a_complete_run_is_resumed_without_opening_a_device(
