@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from mvp.cell.objectives import repairs, searched
 from mvp.cell.realise_view import RealisedView, realise
+from mvp.cell.unseen import unseen
 from mvp.planning.explain import explain
 
 if TYPE_CHECKING:
@@ -37,8 +38,6 @@ _TRIAL_CANDIDATES = 8_000
 _FIXES = {
     "reach": "move the part, give the arm more room or a larger workspace, or leave "
     "out what stands in its way",
-    "visibility": "ask for a feature that can be seen, move the fixture that hides it, "
-    "or give a larger workspace",
     "lens_range": "widen f_mm, d_mm or a_mm in the task, or mount another lens or tube",
     "max_views": "raise planning.max_views in the task",
 }
@@ -145,8 +144,9 @@ class ViewFinder:
         """One view for all of some features, or why there is none."""
         self.tell(f"visibility of {_names(features)}")
         region = self.factory.common_region(features)
-        if region.empty:
-            return Failed(tuple(features), self._unseen(features, region), "visibility")
+        blind = unseen(self.factory, features, region)
+        if blind is not None:
+            return Failed(tuple(features), blind.reason, "visibility", fix=blind.fix)
         mounted, *others = self.factory.tubes_mm()
         failure = self._with_tube(features, region, mounted, trial=trial)
         if isinstance(failure, RealisedView) or trial:
@@ -246,11 +246,6 @@ class ViewFinder:
             problem,
             fix=_FIXES["reach"],
         )
-
-    def _unseen(self, features: Sequence[Feature], region: Region) -> str:
-        many = "these features are" if len(features) > 1 else "it is"
-        why = region.in_the_way(self.factory.face_name)
-        return f"there is no place from which {many} seen whole: {why}"
 
     def explained(self, found: Found) -> Found:
         """The same, with what would help the features that stayed without a view."""

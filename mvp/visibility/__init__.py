@@ -7,6 +7,7 @@ from mvp.visibility.blocking import (
     limiting_faces,
 )
 from mvp.visibility.build import visibility_region
+from mvp.visibility.enclosure import closed_in
 from mvp.visibility.facets import FacetDistances
 from mvp.visibility.measures import paper_distance, ray_distance
 from mvp.visibility.occluders import Occluders, prepare
@@ -22,6 +23,7 @@ __all__ = [
     "Region",
     "RegionStatistics",
     "blocking_faces",
+    "closed_in",
     "exactly_visible",
     "intersection",
     "limiting_faces",
