@@ -25,12 +25,7 @@ if TYPE_CHECKING:
     from mvp.cell.cell_config import CalibrationFiles
 
 _Model = TypeVar("_Model", CameraCalibration, LensTableCalibration, RigidCalibration)
-_WIZARDS = {
-    "camera": "camera",
-    "lens_table": "lens",
-    "hand_eye": "hand-eye",
-    "part_pose": "part",
-}
+_NAMES = ("camera", "lens_table", "hand_eye", "part_pose")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +35,7 @@ class Calibrations:
     Attributes:
         tool_from_camera: hand-eye at its reference lens setting.
         base_from_part: where the part lies.
+        files: where each came from, by name.
         sha256: content hash of each file, by name.
         accepted: names accepted against their verdict, with the person's reason.
     """
@@ -50,6 +46,7 @@ class Calibrations:
     part_pose: RigidCalibration
     tool_from_camera: Pose
     base_from_part: Pose
+    files: dict[str, Path]
     sha256: dict[str, str]
     accepted: dict[str, str]
 
@@ -66,7 +63,7 @@ def load_calibrations(
     Raises:
         CalibrationError: missing, unreadable, foreign or too poor.
     """
-    paths = {name: _path(names, cell_file, name) for name in _WIZARDS}
+    paths = {name: _path(names, cell_file, name) for name in _NAMES}
     camera = _read(paths["camera"], "camera", CameraCalibration)
     lens_table = _read(paths["lens_table"], "lens_table", LensTableCalibration)
     hand_eye = _read(paths["hand_eye"], "hand_eye", RigidCalibration)
@@ -88,6 +85,7 @@ def load_calibrations(
         part_pose,
         _pose(paths["hand_eye"], hand_eye, "tool", "camera"),
         _pose(paths["part_pose"], part_pose, "base", "part"),
+        paths,
         {name: sha256_of(path) for name, path in paths.items()},
         accepted,
     )
@@ -109,6 +107,7 @@ def with_part_pose(
         found,
         part_pose=model,
         base_from_part=_pose(path, model, "base", "part"),
+        files=found.files | {"part_pose": path},
         sha256=found.sha256 | {"part_pose": sha256_of(path)},
         accepted=found.accepted | accepted,
     )
@@ -125,8 +124,7 @@ def _path(names: CalibrationFiles, cell_file: Path, name: str) -> Path:
     except ConfigError as error:
         raise CalibrationError(
             error.message,
-            hint=f"run `mvp-cell calibrate {_WIZARDS[name]} CELL`, "
-            "or correct the name in the cell file",
+            hint=f"restore the file, or name another one in {cell_file}, [calibration]",
             where=error.where,
         ) from error
 
@@ -138,8 +136,8 @@ def _read(path: Path, name: str, model: type[_Model]) -> _Model:
         problem = error.errors(include_url=False)[0]
         raise CalibrationError(
             f"{path}: {dotted(problem['loc'])}: {problem['msg']}",
-            hint=f"this is not a {name} calibration; run `mvp-cell calibrate "
-            f"{_WIZARDS[name]} CELL` again or correct the name in the cell file",
+            hint=f"this is not a {name} calibration; restore the file, or name another "
+            f"one in [calibration] of the cell file",
             where=str(path),
         ) from error
     except OSError as error:
@@ -154,7 +152,7 @@ def _foreign(path: Path, name: str) -> CalibrationError:
     return CalibrationError(
         f"{path}: this {name} calibration comes from a simulated cell "
         "and cannot be used on a real one",
-        hint=f"run `mvp-cell calibrate {_WIZARDS[name]} CELL` on this cell",
+        hint="name one that was measured on this cell in [calibration] of the cell file",
         where=str(path),
     )
 
@@ -168,7 +166,7 @@ def _judge(path: Path, name: str, quality: Quality, reason: str) -> dict[str, st
     why = "; ".join(quality.reasons) or "no reason given"
     raise CalibrationError(
         f"{path}: the {name} calibration is {quality.verdict.upper()}: {why}",
-        hint=f"run `mvp-cell calibrate {_WIZARDS[name]} CELL` again, or take the "
+        hint="name a better one in [calibration] of the cell file, or take the "
         "responsibility with --accept-calibration REASON",
         where=str(path),
     )
@@ -187,6 +185,7 @@ def _pose(path: Path, model: RigidCalibration, target: str, source: str) -> Pose
     except ValueError as error:
         raise CalibrationError(
             f"{path}: {error}",
-            hint="the file is damaged; calibrate again",
+            hint="the file is damaged; restore it, or name another one in [calibration] "
+            "of the cell file",
             where=str(path),
         ) from error

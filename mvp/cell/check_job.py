@@ -69,7 +69,7 @@ def check_cell(cell: LoadedCell, task: LoadedTask) -> CheckDocument:
             items.append(_answered(role, infos[role]))
             state = partial(_STATES[role], devices)
             items.append(_attempt(f"{role} state", state))
-        if not failures:
+        if infos:
             items.append(_attempt("calibrated devices", lambda: _serials(cell, infos)))
     finally:
         unclosed = close_all(roles)

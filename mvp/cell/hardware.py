@@ -39,6 +39,12 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _Model = TypeVar("_Model", bound=FileModel)
+_CALIBRATED_ON = {
+    "camera": "camera",
+    "lens_table": "lens",
+    "hand_eye": "arm",
+    "part_pose": "arm",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +102,9 @@ def _clock(cell: LoadedCell) -> Clock:
 
 
 def _device(cell: LoadedCell, role: Role, context: DeviceContext) -> Device:
+    config = _driver_config(cell, role)
     driver = load_driver(getattr(cell.config, role).driver, role)
-    return driver.from_config(_driver_config(cell, role), context, name=role)
+    return driver.from_config(config, context, name=role)
 
 
 def _driver_config(cell: LoadedCell, role: Role) -> FileModel:
@@ -230,23 +237,26 @@ def _connect_error(failures: dict[str, Exception]) -> DeviceError:
     )
 
 
-def check_serials(cell: LoadedCell, infos: dict[str, DeviceInfo]) -> None:
-    """Refuse a camera or lens calibration that belongs to another device.
+def check_serials(cell: LoadedCell, infos: Mapping[str, DeviceInfo]) -> None:
+    """Refuse calibrations that belong to other devices than those that answered.
 
     Raises:
-        CalibrationError: the serial numbers differ.
+        CalibrationError: serial numbers differ; every such file is named.
     """
     found = cell.calibrations
-    for role, name, expected in (
-        ("camera", "camera", found.camera.provenance.device_serial),
-        ("lens", "lens_table", found.lens_table.provenance.device_serial),
-    ):
-        serial = infos[role].serial
+    wrong = []
+    for name, role in _CALIBRATED_ON.items():
+        expected = getattr(found, name).provenance.device_serial
+        serial = infos[role].serial if role in infos else ""
         if expected and serial and serial != expected and name not in found.accepted:
-            raise CalibrationError(
-                f"the {name} calibration was made with {role} {expected}, "
-                f"but {role} {serial} is connected",
-                hint="connect that device, calibrate this one, or take the "
-                "responsibility with --accept-calibration REASON",
-                where=role,
+            wrong.append(
+                f"{found.files[name]}: this {name} calibration was made with {role} "
+                f"{expected}, but {role} {serial} is connected"
             )
+    if wrong:
+        raise CalibrationError(
+            "; ".join(wrong),
+            hint="connect that device, or name the calibration of this one in "
+            "[calibration] of the cell file",
+            where=wrong[0].partition(": ")[0],
+        )

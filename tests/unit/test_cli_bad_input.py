@@ -256,12 +256,12 @@ CASES = [
     Bad(
         "missing calibration",
         removed("calibration/hand_eye.json"),
-        ("hand_eye", "calibrate hand-eye"),
+        ("hand_eye", "[calibration]"),
     ),
     Bad(
         "damaged calibration",
         written("calibration/camera.json", b"{"),
-        ("camera.json", "calibrate camera"),
+        ("camera.json", "[calibration]"),
     ),
     Bad(
         "swapped calibrations",
@@ -280,8 +280,14 @@ CASES = [
         calibration(
             "camera", lambda c: c["provenance"].__setitem__("device_serial", "X-9")
         ),
-        ("X-9", "camera"),
+        ("X-9", "camera.json"),
         "run {cell} --out {out}",
+    ),
+    Bad(
+        "unknown driver, asked by check",
+        cell_toml('driver = "virtual-arm"', 'driver = "virtual-am"'),
+        ("cell.toml:", "arm.driver", "did you mean 'virtual-arm'"),
+        "check {cell}",
     ),
     Bad(
         "resume of nothing",

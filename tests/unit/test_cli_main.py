@@ -159,6 +159,30 @@ def test_check_names_every_device_that_is_away(
     assert failed == ["arm", "camera"]
 
 
+def test_check_compares_every_serial_a_calibration_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cell = tmp_path / "cell"
+    shutil.copytree(bundled_root() / "virtual", cell, copy_function=shutil.copyfile)
+    for name in ("camera", "lens_table", "hand_eye", "part_pose"):
+        file = cell / "calibration" / f"{name}.json"
+        content = json.loads(file.read_text())
+        content["provenance"]["device_serial"] = f"of {name}"
+        file.write_text(json.dumps(content))
+    assert invoke(["check", str(cell), "--json"]) == 4
+    document = json.loads(capsys.readouterr().out)
+    (failed,) = [item for item in document["items"] if not item["passed"]]
+    for name, serial in (
+        ("camera", "V-CAM-1"),
+        ("lens_table", "V-LENS-1"),
+        ("hand_eye", "V-ARM-1"),
+        ("part_pose", "V-ARM-1"),
+    ):
+        assert f"{name}.json" in failed["detail"]
+        assert f"of {name}, but" in failed["detail"]
+        assert serial in failed["detail"]
+
+
 def test_home_moves_lens_and_arm(capsys: pytest.CaptureFixture[str]) -> None:
     assert invoke(["home", "virtual", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
