@@ -172,6 +172,7 @@ def load_task(cell: LoadedCell, task: str | None) -> LoadedTask:
     source = read_toml(path)
     _check_version(source)
     config = validated(source, TaskConfig)
+    _check_ids(source, [feature.id for feature in config.features])
     where = f"{source.where(('part', 'file'))}: part.file"
     part = inside(home_of(path), path.parent, config.part.file, where)
     pose = None
@@ -179,6 +180,17 @@ def load_task(cell: LoadedCell, task: str | None) -> LoadedTask:
         where = f"{source.where(('part', 'pose'))}: part.pose"
         pose = inside(home_of(path), path.parent, config.part.pose, where)
     return LoadedTask(config, source, part, sha256_of(path), pose)
+
+
+def _check_ids(source: TomlFile, ids: list[str]) -> None:
+    for place, name in enumerate(ids):
+        if name in ids[:place]:
+            first = source.where(("features", ids.index(name), "id"))
+            raise source.error(
+                ("features", place, "id"),
+                f'two features are called "{name}"; the other one is at {first}',
+                hint="give one of them another id",
+            )
 
 
 def _check_version(source: TomlFile) -> None:

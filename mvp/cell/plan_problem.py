@@ -21,6 +21,7 @@ from mvp.constraints import (
     Workspace,
     enclosing_sphere,
 )
+from mvp.errors import CalibrationError
 from mvp.geometry import Box, Pose
 from mvp.kinematics import camera_rotation
 from mvp.optics import Intrinsics, LensTable, Sensor, Views
@@ -112,10 +113,16 @@ class ProblemFactory:
     @cached_property
     def table(self) -> LensTable:
         """The lens on the tube that is mounted."""
-        return LensTable.from_calibration(
-            self.cell.calibrations.lens_table,
-            tube_mm=self.cell.config.optics.mounted_tube_mm,
-        )
+        found = self.cell.calibrations
+        try:
+            return LensTable.from_calibration(
+                found.lens_table, tube_mm=self.cell.config.optics.mounted_tube_mm
+            )
+        except CalibrationError as error:
+            file = str(found.files["lens_table"])
+            raise CalibrationError(
+                f"{file}: {error.message}", hint=error.hint, where=file
+            ) from error
 
     @cached_property
     def workspace_base(self) -> Box:

@@ -92,23 +92,36 @@ def _first(folder: RunFolder, records: Sequence[Record]) -> RunStarted:
 def _check_inputs(folder: RunFolder, before: InputHashes, setting: Setting) -> None:
     """Refuse when anything the run depends on is not what it was."""
     now = input_hashes(setting, folder.plan_file.read_bytes())
+    files = _files(folder, setting)
     changed = [
-        name
+        f"{name} ({files[name]})"
         for name in ("plan", "part", "task", "cell")
         if getattr(before, name) != getattr(now, name)
     ]
+    calibrated = setting.cell.calibrations.files
     changed += [
-        f"{name} calibration"
-        for name in sorted(before.calibration | now.calibration)
-        if before.calibration.get(name) != now.calibration.get(name)
+        f"{name} calibration ({calibrated[name]})"
+        for name in sorted(now.calibration)
+        if before.calibration.get(name) != now.calibration[name]
     ]
     if changed:
         raise RecordError(
-            f"{folder.run_id} cannot be resumed: {', '.join(changed)} changed since "
-            "it began",
+            f"{folder.run_id} cannot be resumed: changed since it began: "
+            f"{', '.join(changed)}",
             hint="start a new run, or bring back the files as they were",
             where=str(folder.path),
         )
+
+
+def _files(folder: RunFolder, setting: Setting) -> dict[str, str]:
+    """The files behind each hash of the inputs, for a message."""
+    cell = (setting.cell.source.path, *setting.cell.fixture_files.values())
+    return {
+        "plan": str(folder.plan_file),
+        "part": str(setting.task.part_file),
+        "task": str(setting.task.source.path),
+        "cell": " or ".join(str(path) for path in cell),
+    }
 
 
 def _check_pictures(folder: RunFolder, records: Sequence[Record]) -> None:

@@ -164,11 +164,3 @@ class TaskConfig(FileModel):
     planning: PlanningConfig = Field(default_factory=PlanningConfig)
     features: list[FeatureConfig] = Field(min_length=1, max_length=500)
     starts: list[StartConfig] = Field(default_factory=list, max_length=100)
-
-    @model_validator(mode="after")
-    def _ids_differ(self) -> Self:
-        ids = [feature.id for feature in self.features]
-        twice = sorted({i for i in ids if ids.count(i) > 1})
-        if twice:
-            raise ValueError(f'two features are called "{twice[0]}"')
-        return self

@@ -95,7 +95,7 @@ def _fixture(cell: LoadedCell, fixture: FixtureConfig) -> TriangleMesh:
 
 def _features(task: LoadedTask, mesh: TriangleMesh) -> tuple[Feature, ...]:
     catalogue: FeatureCatalogue | None = None
-    found = []
+    found, errors = [], []
     for place, config in enumerate(task.config.features):
         looked_up = isinstance(config, FeatureByReference | HoleByCoordinates)
         if looked_up and catalogue is None:
@@ -104,10 +104,21 @@ def _features(task: LoadedTask, mesh: TriangleMesh) -> tuple[Feature, ...]:
             found.append(_feature(config, mesh, catalogue))
         except (FeatureError, GeometryError) as error:
             where = task.source.where(("features", place))
-            raise FeatureError(
-                f"{where}: {error.message}", hint=error.hint, where=where
-            ) from error
+            errors.append(
+                FeatureError(f"{where}: {error.message}", hint=error.hint, where=where)
+            )
+    if errors:
+        raise _together(errors)
     return tuple(found)
+
+
+def _together(errors: list[FeatureError]) -> FeatureError:
+    """Everything that is wrong, in one go; the first one's place in ``where``."""
+    return FeatureError(
+        "\n".join(error.message for error in errors),
+        hint="\n".join(dict.fromkeys(error.hint for error in errors if error.hint)),
+        where=errors[0].where,
+    )
 
 
 def _feature(

@@ -137,7 +137,7 @@ def config_error(
         )
     if len(problems) > _MAX_SHOWN:
         texts.append(f"... and {len(problems) - _MAX_SHOWN} more")
-    first = (*prefix, *problems[0]["loc"])
+    first = (*prefix, *_known(source, prefix, problems[0]))
     return ConfigError(
         "\n".join(dict.fromkeys(texts)),
         hint=_hint(problems[0]),
@@ -154,6 +154,8 @@ def _known(
         last = part == problem["loc"][-1] and problem["type"] == "missing"
         if (*prefix, *path, part) in source.lines or last:
             path = (*path, part)
+    if problem["type"] == "feature_kind" and (*prefix, *path, "kind") in source.lines:
+        path = (*path, "kind")
     return path
 
 
@@ -173,6 +175,8 @@ def _words(model: type[BaseModel], problem: ErrorDetails) -> str:
         return "this key is missing"
     if kind == "extra_forbidden":
         return "unknown key" + _suggestion(model, problem["loc"])
+    if kind == "feature_kind":
+        return problem["msg"] + _meant_kind(value)
     if kind == "finite_number":
         return f"must be a finite number, not {value}"
     if kind in ("value_error", "assertion_error"):
@@ -182,6 +186,15 @@ def _words(model: type[BaseModel], problem: ErrorDetails) -> str:
     message = problem["msg"][:1].lower() + problem["msg"][1:]
     message = message.removeprefix("input ")
     return f"{message}, not {_short(value)}"
+
+
+def _meant_kind(feature: object) -> str:
+    """The kind that was given, and the one that was meant."""
+    given = feature.get("kind") if isinstance(feature, dict) else None
+    if given is None:
+        return ""
+    close = difflib.get_close_matches(str(given), ("point", "edge", "face", "hole"), 1)
+    return f", not {_short(given)}" + (f"; did you mean {close[0]!r}?" if close else "")
 
 
 def _short(value: object) -> str:

@@ -68,7 +68,7 @@ class MotorAxis:
         if len(steps) != len(values) or len(steps) < 2:
             raise CalibrationError(
                 f"lens table, {self.name}: steps and values need two or more pairs",
-                hint="repeat `mvp-cell calibrate lens` for this axis",
+                hint="measure this axis of the lens again, or restore the file",
             )
         order = np.argsort(steps)
         steps, values = steps[order], values[order]
@@ -79,7 +79,7 @@ class MotorAxis:
             raise CalibrationError(
                 f"lens table, {self.name}: the values do not rise or fall steadily "
                 "with the steps",
-                hint="repeat `mvp-cell calibrate lens` for this axis",
+                hint="measure this axis of the lens again, or restore the file",
             )
         object.__setattr__(self, "steps", steps)
         object.__setattr__(self, "values_mm", values)

@@ -170,13 +170,13 @@ def change_plan(folder: Path, cell: Path) -> str:
 def change_calibration(folder: Path, cell: Path) -> str:
     file = cell / "calibration" / "hand_eye.json"
     file.write_text(file.read_text() + "\n")
-    return "hand_eye calibration changed"
+    return "changed since it began: hand_eye calibration ("
 
 
 def change_cell(folder: Path, cell: Path) -> str:
     file = cell / "cell.toml"
     file.write_text(file.read_text() + "\n# a thought\n")
-    return "cell changed"
+    return f"cell ({cell}"
 
 
 def change_part(folder: Path, cell: Path) -> str:
@@ -184,7 +184,7 @@ def change_part(folder: Path, cell: Path) -> str:
     content = file.read_bytes()
     assert b"paper_object" in content[:80]
     file.write_bytes(content.replace(b"paper_object", b"paper_0bject", 1))
-    return "part changed"
+    return f"part ({file})"
 
 
 @pytest.fixture(scope="module")

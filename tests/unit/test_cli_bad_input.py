@@ -205,12 +205,12 @@ CASES = [
     Bad(
         "two features of one name",
         task_toml('id = "vertical edge"', 'id = "horizontal edge"'),
-        ("horizontal edge", "two features"),
+        ("horizontal edge", "two features", "features[1].id", "the other one is at"),
     ),
     Bad(
         "unknown kind",
         task_toml('kind = "edge"', 'kind = "egde"'),
-        ("features[0]", "edge", "paper_object.toml:"),
+        ("features[0].kind", "not 'egde'; did you mean 'edge'?", "paper_object.toml:"),
     ),
     Bad(
         "zero-length edge",
@@ -221,6 +221,18 @@ CASES = [
         "feature inside the solid",
         task_toml(EDGE, "from_mm = [-5, 12, 0]\nto_mm = [5, 12, 0]"),
         ("horizontal edge", "inside"),
+    ),
+    Bad(
+        "two features off the part",
+        task_toml("12.7]", "500]"),
+        ("horizontal edge", "vertical edge"),
+    ),
+    Bad(
+        "lens table that turns back",
+        calibration(
+            "lens_table", lambda c: c["zoom_f_mm"]["values_mm"].__setitem__(0, 14.0)
+        ),
+        ("lens_table.json", "rise or fall"),
     ),
     Bad(
         "feature off the part",
