@@ -79,6 +79,21 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def check_file_writable(path: Path, *, needed_bytes: int) -> None:
+    """The same for one file that will be written.
+
+    Raises:
+        OutputError: it is a folder, or its folder cannot take it.
+    """
+    if path.is_dir():
+        raise OutputError(
+            f"{path}: is a folder, a file is needed",
+            hint="name a file",
+            where=str(path),
+        )
+    check_writable(path.parent, needed_bytes=needed_bytes)
+
+
 def check_writable(folder: Path, *, needed_bytes: int) -> None:
     """Find out before anything moves whether the results can be kept.
 

@@ -34,7 +34,7 @@ def plan(
     as_json: JsonOption = False,
 ) -> int:
     """Find camera poses and lens settings; nothing moves."""
-    from mvp.cell.durable import check_writable, write_durably
+    from mvp.cell.durable import check_file_writable, check_writable, write_durably
     from mvp.cell.hardware import check_driver_configs
     from mvp.cell.loading import load_cell, load_task
     from mvp.cell.plan_job import make_plan
@@ -46,7 +46,9 @@ def plan(
     check_driver_configs(loaded)
     asked = load_task(loaded, task)
     if out is not None:
-        check_writable(out.parent, needed_bytes=1_000_000)
+        check_file_writable(out, needed_bytes=1_000_000)
+    if figures is not None:
+        check_writable(figures, needed_bytes=10_000_000)
     with stages() as tell:
         planned = make_plan(loaded, asked, seed=seed, tell=tell)
         if figures is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from mvp.cell.durable import check_writable
 from mvp.cell.loading import LoadedCell, load_task
 from mvp.cell.plan_job import Setting, make_plan
 from mvp.cell.report_hook import write_report_if_possible
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from mvp.planning.plan import Plan
 
 _LOOK_EVERY_S = 0.2
+_SMALL_RUN_BYTES = 50_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,7 @@ class RunFlow:
     def start(self) -> RunResult:
         """Plan and run."""
         self._refuse_step_without_terminal()
+        check_writable(self.options.out, needed_bytes=_SMALL_RUN_BYTES)
         setting, plan = self._planned()
         result = start_run(setting, plan, self.options, self._watcher())
         return self._reported(result)

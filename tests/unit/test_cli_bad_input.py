@@ -318,6 +318,18 @@ CASES = [
         "run {cell} --out {cell}/file/runs",
     ),
     Bad(
+        "unwritable figures",
+        written("file", b"x"),
+        ("file",),
+        "plan {cell} --figures {cell}/file/figures",
+    ),
+    Bad(
+        "folder for a plan",
+        nothing,
+        ("is a folder",),
+        "plan {cell} --out {cell}",
+    ),
+    Bad(
         "unwritable plan",
         written("file", b"x"),
         ("file",),
@@ -333,11 +345,22 @@ def cell(tmp_path: Path) -> Path:
     return folder
 
 
+def too_late(*arguments: object, **options: object) -> None:
+    raise RuntimeError("planned before the outputs were checked")
+
+
 @pytest.mark.parametrize("bad", CASES, ids=lambda bad: bad.name)
 def test_bad_input_is_named_with_the_right_exit_code(
-    bad: Bad, cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    bad: Bad,
+    cell: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     bad.spoil(cell)
+    if bad.name.startswith(("unwritable", "folder")):
+        monkeypatch.setattr("mvp.cell.plan_job.make_plan", too_late)
+        monkeypatch.setattr("mvp.cli.run_flow.make_plan", too_late)
     out = tmp_path / "out"
     words = [w.format(cell=cell, out=out) for w in bad.command.split()]
     before = sorted(p for p in tmp_path.rglob("*"))
