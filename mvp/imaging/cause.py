@@ -95,13 +95,14 @@ def exposure_fault(exposure: Exposure) -> Finding | None:
     if exposure.saturated > _OVEREXPOSED_SHARE:
         return Finding(
             "overexposed",
-            f"{exposure.saturated:.0%} of the pixels about the features are saturated",
+            f"{exposure.saturated:.0%} of the pixels about the features are saturated"
+            f" (limit {_OVEREXPOSED_SHARE:.0%})",
         )
     if exposure.level_95 < _UNDEREXPOSED_LEVEL:
         return Finding(
             "underexposed",
             f"about the features the grey level reaches only {exposure.level_95:.0%}"
-            " of full scale",
+            f" of full scale (limit {_UNDEREXPOSED_LEVEL:.0%})",
         )
     return None
 
@@ -135,13 +136,16 @@ def _blur_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding | N
         angle = np.rad2deg(excess.direction_rad)
         return Finding(
             "motion",
-            f"edges are smeared over about {excess.path_px:.1f} px along {angle:.0f} deg",
+            f"edges are smeared over about {excess.path_px:.1f} px along {angle:.0f} deg"
+            f" (blur along it {np.sqrt(directional):.1f} px, limit "
+            f"{np.sqrt(max(_MOTION_PX2, limit)):.1f} px)",
         )
     if excess.isotropic_px2 > limit:
         return Finding(
             "defocus",
             "all edges are blurred by about "
-            f"{np.sqrt(excess.isotropic_px2):.1f} px more than planned",
+            f"{np.sqrt(excess.isotropic_px2):.1f} px more than planned (limit "
+            f"{np.sqrt(limit):.1f} px)",
         )
     return None
 
@@ -167,7 +171,8 @@ def _clipped_fault(evidence: Evidence, expectation: ViewExpectation) -> Finding 
         return None
     return Finding(
         "overexposed",
-        f"{evidence.clipped:.0%} of the edges about the features are saturated",
+        f"{evidence.clipped:.0%} of the edges about the features are saturated"
+        f" (limit {_CLIPPED_SHARE:.0%})",
     )
 
 

@@ -199,18 +199,17 @@ def broken_promises(report: EdgeReport, expectation: ViewExpectation) -> list[st
         )
         if change > allowed:
             broken.append(
-                f"length {report.measured_px:.1f} px instead of {report.predicted_px:.1f}"
+                f"length {report.measured_px:.1f} px instead of "
+                f"{report.predicted_px:.1f} px (limit +-{allowed:.1f} px)"
             )
     sd = report.offset_sd_px or 0.0
-    if (
-        report.offset_px is not None
-        and abs(report.offset_px) > max(report.allowed_offset_px, 1.0) + 3 * sd
-    ):
-        broken.append(f"{abs(report.offset_px):.1f} px beside its place")
+    limit_px = max(report.allowed_offset_px, 1.0) + 3 * sd
+    if report.offset_px is not None and abs(report.offset_px) > limit_px:
+        broken.append(beside_words(report.offset_px, limit_px))
     if report.visible_fraction < VISIBLE:
-        broken.append(f"seen on {report.visible_fraction:.0%} of its length")
+        broken.append(seen_words(report.visible_fraction))
     if report.saturated > SATURATED:
-        broken.append(f"{report.saturated:.0%} of its pixels saturated")
+        broken.append(saturated_words(report.saturated))
     if report.blur.measured_px is not None and too_blurred(report.blur):
         broken.append(
             f"blur {report.blur.measured_px:.2f} px above {report.blur.c_px:.2f}"
@@ -221,6 +220,21 @@ def broken_promises(report: EdgeReport, expectation: ViewExpectation) -> list[st
             f" instead of {report.required_px:.2f}"
         )
     return broken
+
+
+def beside_words(offset_px: float, limit_px: float) -> str:
+    """A feature beside its place."""
+    return f"{abs(offset_px):.1f} px beside its place (limit {limit_px:.1f} px)"
+
+
+def seen_words(share: float) -> str:
+    """A feature that is not seen whole."""
+    return f"seen on {share:.0%} of its length (limit {VISIBLE:.0%})"
+
+
+def saturated_words(share: float) -> str:
+    """A feature with clipped pixels."""
+    return f"{share:.0%} of its pixels saturated (limit {SATURATED:.0%})"
 
 
 def too_blurred(blur: Blur) -> bool:

@@ -16,6 +16,9 @@ from mvp.imaging.verify_edges import (
     LENGTH_SHARE,
     SATURATED,
     VISIBLE,
+    beside_words,
+    saturated_words,
+    seen_words,
     too_blurred,
 )
 
@@ -134,16 +137,19 @@ def broken_by_hole(report: HoleReport, expectation: ViewExpectation) -> list[str
         pairs = zip(report.measured_axes_px, report.predicted_axes_px, strict=True)
         for measured, predicted in pairs:
             share = max(LENGTH_SHARE, scale_tolerance(expectation))
-            if abs(measured - predicted) > max(LENGTH_PX, share * predicted):
-                broken.append(f"axis {measured:.1f} px instead of {predicted:.1f}")
-    if report.offset_px is not None and report.offset_px > max(
-        report.allowed_offset_px, 1.0
-    ):
-        broken.append(f"{report.offset_px:.1f} px beside its place")
+            allowed = max(LENGTH_PX, share * predicted)
+            if abs(measured - predicted) > allowed:
+                broken.append(
+                    f"axis {measured:.1f} px instead of {predicted:.1f} px "
+                    f"(limit +-{allowed:.1f} px)"
+                )
+    limit_px = max(report.allowed_offset_px, 1.0)
+    if report.offset_px is not None and report.offset_px > limit_px:
+        broken.append(beside_words(report.offset_px, limit_px))
     if report.visible_fraction < VISIBLE:
-        broken.append(f"seen on {report.visible_fraction:.0%} of its length")
+        broken.append(seen_words(report.visible_fraction))
     if report.saturated > SATURATED:
-        broken.append(f"{report.saturated:.0%} of its pixels saturated")
+        broken.append(saturated_words(report.saturated))
     if report.blur.measured_px is not None and too_blurred(report.blur):
         broken.append(
             f"blur {report.blur.measured_px:.2f} px above {report.blur.c_px:.2f}"

@@ -10,6 +10,7 @@ from mvp.imaging.verify_edges import (
     LOST,
     SATURATED,
     SMALLEST_SNR,
+    beside_words,
     broken_promises,
     faint,
 )
@@ -131,7 +132,8 @@ def _first_broken(expectation: ViewExpectation, reports: Reports) -> Finding | N
             return _named(hole.feature, hole.saturated, broken)
     for point in reports.points:
         if point.offset_px is not None and point.offset_px > point.allowed_offset_px:
-            text = f"{point.feature}: {point.offset_px:.1f} px beside its place"
+            words = beside_words(point.offset_px, point.allowed_offset_px)
+            text = f"{point.feature}: {words}"
             return Finding("misalignment", text)
     return None
 

@@ -169,6 +169,8 @@ def test_an_end_that_is_1_mm_elsewhere_is_found_there(stage: Stage, view: str) -
     assert edge.measured_px == pytest.approx(true_px, abs=0.5)
     assert result.verdict == "fail"
     assert result.cause == "shape"
+    assert " px instead of " in result.explanation
+    assert "(limit +-" in result.explanation
 
 
 def test_a_weak_neighbour_beside_the_overhang_does_not_spoil_the_length(
