@@ -51,6 +51,8 @@ def features(
     from mvp.geometry import load_part
     from mvp.scene import extract_features
 
+    if picture is not None:
+        _check_picture(picture)
     loaded = load_part(part, units=units)
     catalogue = extract_features(loaded.mesh)
     lines = console()
@@ -65,6 +67,20 @@ def features(
     return 0
 
 
+def _check_picture(path: Path) -> None:
+    """Refuse at once what could not be written after the work."""
+    from mvp.cell.durable import check_file_writable
+    from mvp.errors import UsageError
+
+    if path.suffix.lower() != ".png":
+        raise UsageError(
+            f"{path}: a picture is a PNG file, not {path.suffix or 'a nameless kind'!r}",
+            hint=f"name it {path.with_suffix('.png')}",
+            where="--picture",
+        )
+    check_file_writable(path, needed_bytes=1_000_000)
+
+
 def _tell(
     lines: Console, part: LoadedPart, catalogue: FeatureCatalogue, *, limit: int | None
 ) -> None:
@@ -75,6 +91,12 @@ def _tell(
         lines.print(f"  warning: {warning}", style="yellow", markup=False)
     for kind in _TITLES:
         _table(lines, [e for e in catalogue.entries if e.kind == kind], limit)
+    if not catalogue.entries:
+        lines.print(
+            "this part has no straight sharp edge, round hole or planar face",
+            markup=False,
+        )
+        return
     lines.print(
         'use an id in a task:  [[features]]  id = "my edge"  ref = "E1"', markup=False
     )

@@ -6,7 +6,7 @@ import hashlib
 import io
 import logging
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -131,19 +131,30 @@ def load_part(
             linear_mm=linear_mm,
             angular_rad=angular_rad,
         )
-        declared, scale = step_units(content) or "mm", 1.0
+        stated = step_units(content)
+        declared, scale = stated or "mm", 1.0
         source: UnitsSource = "file"
         if units is not None:
             scale, source = MM_PER[units] / MM_PER[declared], "given"
     else:
         raw = _mesh_file(content, extension, path, max_triangles)
         declared, source = _mesh_units(content, extension)
+        stated = declared if source == "file" else None
         scale = MM_PER[units or declared]
         source = "given" if units is not None else source
     _require_sound(raw, path, max_triangles)
     part = _finished(raw, scale, path, content, units or declared, source)
+    part = _warned(part, stated)
     _log.info("%s: %s", path.name, "; ".join(part.lines()))
     return part
+
+
+def _warned(part: LoadedPart, stated: Units | None) -> LoadedPart:
+    """The part with a warning when given units override what its file states."""
+    if stated is None or part.units == stated:
+        return part
+    text = f"the file says {stated}; the given units, {part.units}, override it"
+    return replace(part, warnings=(text, *part.warnings))
 
 
 def _finished(

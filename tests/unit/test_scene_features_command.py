@@ -11,9 +11,10 @@ from matplotlib.image import imread
 
 from mvp.cell.features_document import FeaturesDocument
 from mvp.cell.label_layout import Label, placed
+from mvp.cell.places import bundled_root
 from mvp.cli.features import features
-from mvp.errors import GeometryError, OutputError
-from mvp.geometry import write_stl
+from mvp.errors import GeometryError, OutputError, UsageError
+from mvp.geometry import load_part, write_stl
 from mvp.scene import paper_object
 
 if TYPE_CHECKING:
@@ -64,6 +65,43 @@ def test_the_picture_shows_the_part_and_labels_in_three_colours(
     assert blue.sum() > 5000
     assert green.sum() > 5000
     assert grey.mean() > 0.15
+
+
+def test_a_picture_is_readable_like_any_other_file(part: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.touch()
+    picture = tmp_path / "part.png"
+    features(part, picture=picture)
+    assert picture.stat().st_mode == other.stat().st_mode
+
+
+def test_a_picture_of_an_unknown_kind_is_refused_before_the_work(
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(UsageError, match=r"x\.xyz.*PNG"):
+        features(tmp_path / "nothing.stl", picture=tmp_path / "x.xyz")
+
+
+def test_units_against_those_of_the_file_are_taken_with_a_warning() -> None:
+    step = bundled_root() / "virtual" / "parts" / "nist_ctc_01_asme1_rd.stp"
+    assert load_part(step, units="mm").warnings == load_part(step).warnings
+    part = load_part(step, units="in")
+    assert "the file says mm; the given units, in, override it" in part.warnings
+    assert part.units_source == "given"
+
+
+def test_a_part_without_features_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import trimesh
+
+    path = tmp_path / "ball.stl"
+    trimesh.creation.icosphere(subdivisions=4, radius=20.0).export(path)
+    assert features(path, units="mm", as_json=True) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["edges"] == []
+    assert "no straight sharp edge, round hole or planar face" in told.err
+    assert "use an id" not in told.err
 
 
 def test_a_picture_that_cannot_be_written_leaves_nothing(part: Path) -> None:
