@@ -164,6 +164,7 @@ def dry_run(setting: Setting, plan: Plan) -> RunDocument:
     Raises:
         DeviceError, CalibrationError, InfeasibleError: what would end the run.
     """
+    started = utc_now()
     devices = build_for(setting)
     with opened(devices) as infos:
         _check_before(setting, devices, infos, plan.views, Routes(setting.arm))
@@ -177,6 +178,8 @@ def dry_run(setting: Setting, plan: Plan) -> RunDocument:
         cell=plan.cell.name,
         task=setting.task.config.name,
         simulated=plan.cell.simulated,
+        started_utc=started,
+        finished_utc=utc_now(),
         version=version("mvp-cell"),
         partial=plan.status == "partial",
         views=views,

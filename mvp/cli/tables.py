@@ -74,7 +74,7 @@ def print_run(document: RunDocument) -> None:
 def _view_line(view: PlannedView) -> str:
     x, y, z = view.position_mm
     return (
-        f"{view.id}: {', '.join(view.features)}; pupil at ({x:.1f}, {y:.1f}, {z:.1f}) mm, "
+        f"{view.id}: {', '.join(view.features)}; pupil at ({x:z.1f}, {y:z.1f}, {z:z.1f}) mm, "
         f"f {view.f_mm:.3f}, d {view.d_mm:.3f}, a {view.a_mm:.3f} mm "
         f"(zoom {view.lens_steps.zoom}, focus {view.lens_steps.focus}, "
         f"iris {view.lens_steps.iris} steps)"
@@ -108,11 +108,11 @@ def _contrast(view: PlannedView) -> list[str]:
 def _value(margin: Margin) -> str:
     if margin.value is None:
         return "unbounded"
-    return f"{margin.value:.2f} {margin.unit}"
+    return f"{margin.value:z.2f} {margin.unit}"
 
 
 def _sigmas(margin: Margin) -> str:
-    return "" if margin.normalised is None else f"{margin.normalised:.1f}"
+    return "" if margin.normalised is None else f"{margin.normalised:z.1f}"
 
 
 def _cause(view: ViewDocument) -> str:
@@ -131,8 +131,8 @@ def _lengths(view: ViewDocument) -> str:
     for edge in view.verification.edges:
         planned, measured = edge.get("predicted_px"), edge.get("measured_px")
         if isinstance(planned, float):
-            shown = f"{measured:.2f}" if isinstance(measured, float) else "-"
-            texts.append(f"{edge.get('feature')}: {planned:.2f} / {shown}")
+            shown = f"{measured:z.2f}" if isinstance(measured, float) else "-"
+            texts.append(f"{edge.get('feature')}: {planned:z.2f} / {shown}")
     if len(texts) > _MOST_LENGTHS:
         texts[_MOST_LENGTHS:] = [f"and {len(texts) - _MOST_LENGTHS} more"]
     return "\n".join(texts)

@@ -161,7 +161,7 @@ def conflict_set(problem: PlanningProblem, best: Solution) -> tuple[Conflict, ..
         if share > _MINOR_DUAL:
             row = int(np.argmax(np.where(mask, best.duals.rows, -1.0)))
             margin = best.margins[kind]
-            text = f"{table.labels[row]}: {margin.value:.3g} {margin.unit}"
+            text = f"{table.labels[row]}: {margin.value:z.3g} {margin.unit}"
             found.append(Conflict(kind, share, text))
     bounds = [
         Conflict(name, dual, _bound_words(problem.lens, best.view, name))

@@ -166,6 +166,9 @@ def test_a_dry_run_moves_nothing_and_keeps_nothing(
     assert invoke(["run", str(cell), "--dry-run", "--out", str(out), "--json"]) == 0
     document = RunDocument.model_validate_json(capsys.readouterr().out)
     assert document.status == "checked"
+    assert document.started_utc
+    assert document.finished_utc is not None
+    assert document.started_utc <= document.finished_utc
     assert [view.status for view in document.views] == ["checked"]
     assert not out.exists()
 

@@ -14,11 +14,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 from mvp.cell.places import bundled_root
+from mvp.cell.run_document import RunDocument, VerificationDocument, ViewDocument
 from mvp.cell.run_job import Motion
 from mvp.cli.ask import allow_motion
 from mvp.cli.main import invoke
+from mvp.cli.tables import print_plan, print_run
 from mvp.devices import DeviceInfo
 from mvp.errors import UsageError
+from mvp.planning.plan import LensSteps, Margin, Plan, PlannedView, Tolerance
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -56,6 +59,36 @@ def test_version_is_the_distributions(capsys: pytest.CaptureFixture[str]) -> Non
 
     assert invoke(["--version"]) == 0
     assert capsys.readouterr().out.split() == ["mvp-cell", version("mvp-cell")]
+
+
+def test_no_table_shows_a_negative_zero(capsys: pytest.CaptureFixture[str]) -> None:
+    tiny = -1e-9
+    tolerance = Tolerance(position_mm=0.0, angle_deg=0.0, d_mm=0.0, method="m")
+    planned = PlannedView.model_construct(
+        id="v1",
+        features=["e"],
+        position_mm=(tiny, tiny, tiny),
+        f_mm=1.0,
+        d_mm=1.0,
+        a_mm=1.0,
+        lens_steps=LensSteps(zoom=0, focus=0, iris=0),
+        margins={"lens_range": Margin(value=tiny, unit="steps", normalised=tiny)},
+        binding="lens_range",
+        tolerance=tolerance,
+    )
+    print_plan(Plan.model_construct(status="partial", views=[planned]))
+    edge = {"feature": "e", "predicted_px": tiny, "measured_px": tiny}
+    judged = VerificationDocument(edges=[edge], verdict="pass")
+    view = ViewDocument(id="v1", features=[], status="verified", verification=judged)
+    print_run(
+        RunDocument.model_construct(
+            status="verified", run_id="r", folder=None, views=[view]
+        )
+    )
+    told = capsys.readouterr().err
+    assert "0.00 steps" in told
+    assert "e: 0.00 / 0.00" in told
+    assert "-0.0" not in told
 
 
 def test_debug_shows_the_traceback(capsys: pytest.CaptureFixture[str]) -> None:

@@ -109,7 +109,7 @@ def _point_row(entry: Entry) -> list[str]:
 def _place(value: object) -> str:
     if not isinstance(value, list | tuple) or len(value) != 2:
         return "–"
-    return f"{float(value[0]):.2f}, {float(value[1]):.2f} px"
+    return f"{float(value[0]):z.2f}, {float(value[1]):z.2f} px"
 
 
 def _point_marks(entry: Entry) -> Shown:
@@ -201,7 +201,7 @@ def _rim_lines(entry: Entry) -> Shown:
 
 def _caption(name: str, entry: Entry) -> str:
     measured = _number(entry, "measured_px")
-    found = "not measured" if measured is None else f"measured {measured:.2f} px"
+    found = "not measured" if measured is None else f"measured {measured:z.2f} px"
     return f"{name}: {found}, predicted {_text(_number(entry, 'predicted_px'), 'px')}"
 
 
@@ -232,4 +232,4 @@ def _text(
 ) -> str:
     if value is None:
         return "–"
-    return f"{scale * value:.{digits}f} {unit}".rstrip()
+    return f"{scale * value:z.{digits}f} {unit}".rstrip()

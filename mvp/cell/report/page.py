@@ -217,8 +217,8 @@ def _bar(name: str, margin: Margin, binding: str) -> MarginBar:
     if margin.unbounded or margin.value is None:
         value, text, share = "unbounded", "", 1.0
     else:
-        value = f"{margin.value:.2f} {margin.unit}"
-        text = "" if sigmas is None else f"{sigmas:.1f} sigma"
+        value = f"{margin.value:z.2f} {margin.unit}"
+        text = "" if sigmas is None else f"{sigmas:z.1f} sigma"
         share = 1.0 if sigmas is None else min(1.0, max(0.0, sigmas / FULL_SIGMAS))
     broken = margin.value is not None and margin.value < 0
     thin = sigmas is not None and sigmas < WARN_SIGMAS
@@ -247,7 +247,7 @@ def _tolerance(view: PlannedView) -> list[tuple[str, str]]:
         ("d alone", tolerance.d_alone_mm, "um", 1000.0),
     )
     rows += [
-        (name, f"{scale * value:.2f} {unit}")
+        (name, f"{scale * value:z.2f} {unit}")
         for name, value, unit, scale in alone
         if value is not None
     ]
@@ -287,7 +287,7 @@ def _settings(
         ("viewing direction", _vector(view.view_direction, digits=4), ""),
         (
             "roll",
-            f"{view.roll_rad:.4f} rad ({math.degrees(view.roll_rad):.1f} deg)",
+            f"{view.roll_rad:z.4f} rad ({math.degrees(view.roll_rad):z.1f} deg)",
             "",
         ),
     ]
@@ -303,4 +303,4 @@ def _settings(
 
 
 def _vector(values: tuple[float, float, float], *, digits: int = 2) -> str:
-    return ", ".join(f"{value:.{digits}f}" for value in values)
+    return ", ".join(f"{value:z.{digits}f}" for value in values)
