@@ -46,13 +46,11 @@ class Line:
         name: for people.
         feature: whose it is.
         pieces: numbers of the probed pieces; the clearest of them counts.
-        crowded: another line runs too close beside it.
     """
 
     name: str
     feature: str
     pieces: tuple[int, ...]
-    crowded: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,13 +61,11 @@ class SeenContrast:
         by_line: step over the brighter grey.
         by_feature: the smallest of each feature's lines.
         asked: what a line must show to be measured.
-        crowded: lines beside which another one runs too close.
     """
 
     by_line: dict[str, float]
     by_feature: dict[str, float]
     asked: float
-    crowded: tuple[str, ...] = ()
 
     @property
     def smallest(self) -> float:
@@ -83,20 +79,7 @@ class SeenContrast:
 
     @property
     def notes(self) -> list[str]:
-        """What will not be measurable, in one sentence for each reason."""
-        return [*self._faint_note(), *self._crowded_note()]
-
-    def _crowded_note(self) -> list[str]:
-        if not self.crowded:
-            return []
-        more = len(self.crowded) - 1
-        others = f" (and beside {more} more lines)" if more else ""
-        return [
-            f"another line is only a few pixels beside {self.crowded[0]}{others}: it may "
-            "not be measurable; ask for a finer detail to bring the camera nearer"
-        ]
-
-    def _faint_note(self) -> list[str]:
+        """What will not be measurable for want of contrast."""
         faint = {n: v for n, v in self.by_line.items() if v < self.asked}
         if not faint:
             return []
@@ -158,8 +141,7 @@ class ViewContrast:
         for line, value in zip(self.lines, values, strict=True):
             before = by_feature.get(line.feature, np.inf)
             by_feature[line.feature] = min(before, float(value))
-        crowded = tuple(line.name for line in self.lines if line.crowded)
-        return SeenContrast(by_line, by_feature, self.asked, crowded)
+        return SeenContrast(by_line, by_feature, self.asked)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +255,7 @@ def _lines(expectation: ViewExpectation) -> tuple[Line, ...]:
     lines: list[Line] = []
     for number, edge in enumerate(expectation.edges):
         if edge.role == "feature":
-            own = Line(edge.name, edge.feature, (number,), edge.crowded)
+            own = Line(edge.name, edge.feature, (number,))
             lines += [own, *_ends(edge)]
     for point in expectation.points:
         lines += [
@@ -284,7 +266,7 @@ def _lines(expectation: ViewExpectation) -> tuple[Line, ...]:
     for number, rim in enumerate(expectation.rims):
         same = [r for r in expectation.rims[:number] if r.feature == rim.feature]
         name = f"{rim.feature}, circle {len(same) + 1}" if same else rim.feature
-        lines.append(Line(name, rim.feature, (first + number,), rim.crowded))
+        lines.append(Line(name, rim.feature, (first + number,)))
     return tuple(lines)
 
 

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mvp.imaging.measure_edges import FAINT
 from mvp.imaging.verify_judge import listed
 
 if TYPE_CHECKING:
@@ -20,21 +19,11 @@ _PARALLEL = np.cos(np.deg2rad(15.0))
 def foretold(expectation: ViewExpectation) -> tuple[str, ...]:
     """What of the features will not be measured, and why."""
     unmarked = tuple(e.name for e in _asked(expectation) if _unmarked(e))
-    faint = tuple(
-        e.name
-        for e in _asked(expectation)
-        if not _unmarked(e) and _faintly_marked(e, expectation)
-    )
     notes = list(expectation.notes)
     if unmarked:
         notes.append(
             f"{listed(unmarked)}: an end is marked by no visible edge: the length will "
             "not be measured"
-        )
-    if faint:
-        notes.append(
-            f"{listed(faint)}: an end is marked only by edges without contrast in this "
-            "light: the length may not be measured"
         )
     notes += [_beside(e, expectation) for e in expectation.feature_edges if e.crowded]
     notes += [
@@ -53,15 +42,13 @@ def _unmarked(edge: ExpectedEdge) -> bool:
     return not (edge.start_neighbours and edge.end_neighbours)
 
 
-def _faintly_marked(edge: ExpectedEdge, expectation: ViewExpectation) -> bool:
-    ends = edge.start_neighbours, edge.end_neighbours
-    return any(all(expectation.edges[n].contrast < FAINT for n in end) for end in ends)
-
-
 def _beside(edge: ExpectedEdge, expectation: ViewExpectation) -> str:
     distance_px = _nearest_line_px(edge, expectation.drawn)
     where = "close" if distance_px is None else f"{distance_px:.1f} px"
-    return f"{edge.name}: another line is {where} beside it: it may not be told apart from it"
+    return (
+        f"{edge.name}: another line is {where} beside it: it may not be measurable; ask "
+        "for a finer detail to bring the camera nearer"
+    )
 
 
 def _nearest_line_px(edge: ExpectedEdge, drawn: DrawnEdges) -> float | None:
