@@ -59,7 +59,10 @@ def _options(
         ),
     ] = False,
 ) -> None:
-    """Plan camera pose and lens, take the picture, prove the specification in it."""
+    """Plan camera pose and lens, take the picture, prove the specification in it.
+
+    Tables and messages go to stderr; stdout carries one JSON document, with --json.
+    """
 
 
 def build_app() -> typer.Typer:

@@ -14,10 +14,13 @@ CellArgument: TypeAlias = Annotated[
 ]
 TaskOption: TypeAlias = Annotated[
     str | None,
-    typer.Option("--task", help="a task file, or the name of a task in the cell"),
+    typer.Option(
+        "--task", metavar="TASK", help="a task file, or the name of a task in the cell"
+    ),
 ]
 JsonOption: TypeAlias = Annotated[
-    bool, typer.Option("--json", help="one JSON document on stdout")
+    bool,
+    typer.Option("--json", help="one JSON document on stdout; the rest is on stderr"),
 ]
 YesOption: TypeAlias = Annotated[
     bool, typer.Option("--yes", help="do not ask before anything moves")
@@ -32,5 +35,10 @@ AcceptOption: TypeAlias = Annotated[
 ]
 SeedOption: TypeAlias = Annotated[
     int,
-    typer.Option("--seed", min=0, help="of the search; the same seed, the same plan"),
+    typer.Option(
+        "--seed",
+        min=0,
+        metavar="N",
+        help="of the search; the same seed, the same plan",
+    ),
 ]

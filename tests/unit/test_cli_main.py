@@ -50,6 +50,17 @@ def test_every_command_of_the_contract_has_help(
         assert "Usage: mvp-cell" in capsys.readouterr().out
 
 
+def test_help_says_where_tables_and_json_go(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert invoke(["--help"]) == 0
+    assert "Tables and messages go to stderr" in capsys.readouterr().out
+    assert invoke(["plan", "--help"]) == 0
+    told = capsys.readouterr().out
+    assert "--task TASK" in told
+    assert "--seed N" in told
+
+
 def test_no_arguments_show_the_help_and_count_as_usage() -> None:
     assert invoke([]) == 2
 
