@@ -116,6 +116,7 @@ class CellEngine:
         self._store = store
         self._verifier = verifier
         self._stopped = threading.Event()
+        self._stop_lock = threading.Lock()
         self._motion = ""
         self._arm_standing_s = 0.0
         self._lens_standing_s = 0.0
@@ -236,9 +237,11 @@ class CellEngine:
 
     def stop(self) -> Sequence[Exception]:
         """Stop all three devices, from any thread; every path is tried."""
-        if not self._stopped.is_set():
+        with self._stop_lock:
+            first = not self._stopped.is_set()
+            self._stopped.set()
+        if first:
             _LOG.warning("stopping arm, lens and camera")
-        self._stopped.set()
         return self._devices.stop()
 
     def may_still_move(self) -> str:
