@@ -18,14 +18,16 @@ def runs(
     as_json: JsonOption = False,
 ) -> int:
     """List the runs kept in a folder."""
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from mvp.cell.documents import RunsDocument
     from mvp.cell.run_list import summaries
     from mvp.cli.output import console, print_model
 
     found = summaries(out)
-    table = Table("run", "cell", "task", "part", "status", "views")
+    table = Table(
+        Column("run", overflow="fold"), "cell", "task", "part", "status", "views"
+    )
     for run in found:
         views = f"{run.verified} of {run.views} verified"
         if run.status in ("broken off", "running"):
