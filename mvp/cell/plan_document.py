@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.planning.chance import failure_probability
 from mvp.planning.plan import LensSteps, Margin, NotCovered, PlannedView, Tolerance
 from mvp.planning.rows import RowTable
 from mvp.planning.sensitivity import sensitivity
@@ -66,7 +67,7 @@ class ViewWriter:
             margins=written,
             binding=_binding(written),
             tolerance=_tolerance(certify(problem, view)),
-            failure_probability=realised.solution.failure_probability,
+            failure_probability=_chance(realised, number),
             sensitivity=sensitivity(problem, view),
             extension_tube_mm=realised.tube_mm or None,
             notes=self._notes(realised, written),
@@ -194,6 +195,18 @@ def _tolerance(found: Certificate) -> Tolerance:
         f_mm=found.f_mm,
         a_mm=found.a_mm,
     )
+
+
+def _chance(realised: RealisedView, number: int) -> float:
+    """The chance of failing as the optimiser drew it, or drawn now.
+
+    It draws for its best solution only, and another one may have been realised.
+    """
+    drawn = realised.solution.failure_probability
+    if drawn is not None:
+        return drawn
+    rng = np.random.default_rng(number)
+    return failure_probability(realised.problem, realised.view, rng)
 
 
 def _triple(values: np.ndarray) -> tuple[float, float, float]:
