@@ -237,7 +237,8 @@ class ViewFinder:
                 reasons.append(view.reason)
         if good:
             return max(good, key=_shown)
-        text = "; ".join(dict.fromkeys(reasons))
+        parts = (part for reason in reasons for part in reason.split("; "))
+        text = "; ".join(dict.fromkeys(parts))
         return Failed(
             tuple(features),
             f"the arm cannot take any of the {len(reasons)} views that optics allow: "

@@ -38,6 +38,7 @@ _REPLAN_STARTS = 6
 _LIFTED = 3.0
 _CLOSEST_GAP = 8e-4
 _BISECTIONS = 6
+_UNASKED_STARTS = 2
 _TRIES = 4
 _PERCENT = 0.01
 _UNTIL_ADMISSIBLE = Limits(enough=0.0)
@@ -95,7 +96,7 @@ def knob_cure(
     table, chart = RowTable.of(problem), Chart.of(problem)
     table = replace(table, fixed_scales=_fixed_scales(problem, knob))
     merit = relax_kinds(table, KINDS_OF[knob])
-    starts = _relaxation_starts(table, failed, knob)
+    starts = _relaxation_starts(problem, table, failed, knob)
     ended = climb(problem, LinearModel(table, chart, merit), starts)
     kept = np.flatnonzero(merit.shortfall(ended.index) <= JUST_INSIDE)
     amounts = [(int(k), needed(problem, ended.views[int(k)], knob)) for k in kept]
@@ -127,8 +128,14 @@ def _fixed_scales(problem: PlanningProblem, knob: Knob) -> dict[Kind, float]:
     return scales
 
 
-def _relaxation_starts(table: RowTable, failed: Attempt, knob: Knob) -> Views:
-    """The best ends of the search, and the candidates that miss least elsewhere."""
+def _relaxation_starts(
+    problem: PlanningProblem, table: RowTable, failed: Attempt, knob: Knob
+) -> Views:
+    """Where to begin to give way.
+
+    At the ends of the search that failed, at the candidates that miss least elsewhere,
+    and at the best views there are without the knob's requirement.
+    """
     ends = concatenated([s.view for s in failed.solutions[:_BEST]])
     others = np.array([kind not in KINDS_OF[knob] for kind in table.kinds])
     candidates = failed.screened.views
@@ -136,7 +143,16 @@ def _relaxation_starts(table: RowTable, failed: Attempt, knob: Knob) -> Views:
         return ends
     worst = table.index(candidates)[:, others].min(axis=1)
     chosen = np.argsort(-worst, kind="stable")[:_BEST]
-    return concatenated([ends, candidates[chosen]])
+    without = replace(
+        problem,
+        constraints=tuple(
+            c for c in problem.constraints if c.kind not in KINDS_OF[knob]
+        ),
+        candidates=min(problem.candidates, _REPLAN_CANDIDATES),
+        starts=_UNASKED_STARTS,
+    )
+    unasked = [s.view for s in searched(without, seed=0).solutions[:_UNASKED_STARTS]]
+    return concatenated([ends, candidates[chosen], *unasked])
 
 
 def _confirmed(

@@ -37,7 +37,7 @@ KINDS_OF: dict[Knob, tuple[Kind, ...]] = {
 """Requirements that one knob of the task turns, cheapest for the user first."""
 
 
-_SENSIBLE: dict[Knob, float] = {"resolution": 0.1, "blur": 6.0, "field_of_view": 2.0}
+_SENSIBLE: dict[Knob, float] = {"resolution": 0.02, "blur": 6.0, "field_of_view": 2.0}
 """Factors beyond which a change is no advice any more."""
 
 
