@@ -37,7 +37,7 @@ def name(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
 
-def run(command: list[str], folder: Path) -> None:
+def expect_success(command: list[str], folder: Path) -> None:
     environment = os.environ | {
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
         "NO_COLOR": "1",
@@ -66,7 +66,7 @@ def test_the_python_of_a_page_runs_from_top_to_bottom(
 ) -> None:
     script = tmp_path / "page.py"
     script.write_text("\n".join(blocks(page, "python")), encoding="utf-8")
-    run([sys.executable, "-W", "error", str(script)], tmp_path)
+    expect_success([sys.executable, "-W", "error", str(script)], tmp_path)
 
 
 @pytest.mark.parametrize("page", pages_with("bash"), ids=name)
@@ -76,7 +76,7 @@ def test_the_commands_of_a_page_run_in_an_empty_folder(
     lines = "\n".join(blocks(page, "bash"))
     # `make` targets are what runs these tests: here they are only resolved.
     lines = re.sub(r"^make ", f"make -n -C {ROOT} ", lines, flags=re.MULTILINE)
-    run(["bash", "-euo", "pipefail", "-c", lines], tmp_path)
+    expect_success(["bash", "-euo", "pipefail", "-c", lines], tmp_path)
 
 
 @pytest.mark.parametrize("page", pages_with("toml"), ids=name)
