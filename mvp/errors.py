@@ -16,6 +16,7 @@
     |- InfeasibleError           3   no admissible plan
     |- DeviceError               4   names the device
     |  |- ConnectError           4   nobody answers
+    |  |- LinkLost               4   the link broke: unplugged, closed, reset
     |  |- DeviceTimeout          4   somebody stopped answering
     |  |- WireError              4   what came back makes no sense
     |  |- LimitError             4   asked for what the device must not do; nothing moved
@@ -110,6 +111,10 @@ class DeviceError(MvpCellError):
 
 class ConnectError(DeviceError):
     """Nobody answers."""
+
+
+class LinkLost(DeviceError):
+    """The link to the device broke: unplugged, closed or reset by the far end."""
 
 
 class DeviceTimeout(DeviceError):
