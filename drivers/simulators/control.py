@@ -1,0 +1,173 @@
+"""The private fault channel of a simulator: JSON lines over TCP on 127.0.0.1.
+
+``{"do": "stall", "axis": "zoom"}`` is answered by ``{"ok": true, ...}`` or by
+``{"ok": false, "message": "..."}``. The verbs are the simulator's own; one of them is
+``state``. Nothing of it exists on the simulated hardware.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import socketserver
+import threading
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Self
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+Verb = Callable[[Mapping[str, object]], Mapping[str, object] | None]
+LOOPBACK = "127.0.0.1"
+_LINE_MAX = 65536
+
+
+class ControlRefused(Exception):
+    """The simulator did not do what the fault channel asked."""
+
+
+def answer(line: bytes, verbs: Mapping[str, Verb]) -> bytes:
+    """Do what one line asks; the answering line, with its line feed.
+
+    A verb gets the other keys of the line and returns what to add to the answer. Its
+    LookupError, TypeError or ValueError becomes the refusal's message.
+    """
+    try:
+        asked = json.loads(line)
+        name = asked.pop("do")
+        if name not in verbs:
+            raise ValueError(f"no verb {name!r}; there are: {', '.join(sorted(verbs))}")
+        said = verbs[name](asked) or {}
+        text = json.dumps({"ok": True, **said})
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        text = json.dumps({"ok": False, "message": f"{type(error).__name__}: {error}"})
+    return text.encode() + b"\n"
+
+
+class ControlServer:
+    """Serves the verbs from threads of its own, until closed.
+
+    Verbs run one at a time; what they touch must still be safe against the thread
+    that the simulator itself runs in.
+    """
+
+    def __init__(self, verbs: Mapping[str, Verb], *, port: int = 0) -> None:
+        self._verbs = verbs
+        self._asked_port = port
+        self._server: _Server | None = None
+        self._thread: threading.Thread | None = None
+
+    @property
+    def port(self) -> int:
+        """Where it listens on 127.0.0.1; 0 when it does not."""
+        return self._server.server_address[1] if self._server else 0
+
+    def start(self) -> None:
+        """Listen.
+
+        Raises:
+            OSError: the port is taken.
+        """
+        self._server = _Server(self._verbs, self._asked_port)
+        self._thread = threading.Thread(
+            target=self._server.serve_forever,
+            kwargs={"poll_interval": 0.05},
+            name="simulator-control",
+        )
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop listening and close every connection."""
+        if self._server is None or self._thread is None:
+            return
+        self._server.shutdown()
+        self._server.hang_up()
+        self._server.server_close()
+        self._thread.join()
+        self._server = self._thread = None
+
+
+class ControlClient:
+    """One connection to a fault channel.
+
+    Args:
+        port: where the simulator listens on 127.0.0.1.
+        timeout_s: how long one answer may take.
+    """
+
+    def __init__(self, port: int, *, timeout_s: float = 5.0) -> None:
+        self._socket = socket.create_connection((LOOPBACK, port), timeout_s)
+        self._lines = self._socket.makefile("rb")
+
+    def do(self, verb: str, **arguments: object) -> dict[str, object]:
+        """Ask for one thing and return the answer without its ``ok``.
+
+        Raises:
+            ControlRefused: the simulator says why it did not do it.
+            OSError: it does not answer.
+        """
+        self._socket.sendall(json.dumps({"do": verb, **arguments}).encode() + b"\n")
+        line = self._lines.readline()
+        if not line:
+            raise ConnectionResetError("the simulator hung up its fault channel")
+        said = dict(json.loads(line))
+        if not said.pop("ok"):
+            raise ControlRefused(str(said.get("message")))
+        return said
+
+    def close(self) -> None:
+        """Hang up."""
+        self._lines.close()
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class _Server(socketserver.ThreadingTCPServer):
+    allow_reuse_address = True
+    daemon_threads = False
+
+    def __init__(self, verbs: Mapping[str, Verb], port: int) -> None:
+        self.verbs = verbs
+        self.turn = threading.Lock()
+        self.connections: set[socket.socket] = set()
+        super().__init__((LOOPBACK, port), _Handler)
+
+    def hang_up(self) -> None:
+        """Wake the threads that wait for a line."""
+        with self.turn:
+            for connection in self.connections:
+                with contextlib.suppress(OSError):
+                    connection.shutdown(socket.SHUT_RDWR)
+
+
+class _Handler(socketserver.StreamRequestHandler):
+    server: _Server
+
+    def setup(self) -> None:
+        super().setup()
+        with self.server.turn:
+            self.server.connections.add(self.connection)
+
+    def handle(self) -> None:
+        with contextlib.suppress(OSError):
+            while line := self.rfile.readline(_LINE_MAX):
+                with self.server.turn:
+                    said = answer(line, self.server.verbs)
+                self.wfile.write(said)
+
+    def finish(self) -> None:
+        with self.server.turn:
+            self.server.connections.discard(self.connection)
+        with contextlib.suppress(OSError):
+            super().finish()
