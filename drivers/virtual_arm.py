@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, ClassVar, NoReturn, Self
 import numpy as np
 from pydantic import Field
 
-from drivers.virtual_link import Link
+from drivers.virtual_link import identity, require_reachable
 from drivers.virtual_motion import StraightMove
 from drivers.virtual_world import VirtualWorld, world_of
-from mvp.devices import ArmState, DeviceContext, DeviceInfo, Role
+from mvp.devices import ArmState, DeviceContext, DeviceInfo, Link, Role
 from mvp.errors import DeviceFault, DeviceTimeout, LimitError, MotionStopped
 from mvp.fileedge import FileModel
 from mvp.kinematics import arm_model
@@ -47,7 +47,9 @@ class VirtualArm:
         self._world = world
         self._clock = world.clock
         self._model = arm_model(world.belief.arm_model)
-        self._link = Link(name, world.clock)
+        self._link = Link(
+            name, world.clock, connect=self._connect, disconnect=self.stop
+        )
         self._tripped = False
 
     @classmethod
@@ -67,15 +69,10 @@ class VirtualArm:
         Raises:
             ConnectError: it has been made unreachable.
         """
-        self._link.open(
-            unreachable=self._world.faults.arm.unreachable,
-            hint="is the controller switched on?",
-        )
+        self._link.open()
 
     def close(self) -> None:
         """Disconnect; a motion in progress is stopped."""
-        if self._link.is_open:
-            self.stop()
         self._link.close()
 
     def __enter__(self) -> Self:
@@ -87,13 +84,11 @@ class VirtualArm:
 
     def info(self) -> DeviceInfo:
         """Identity and versions."""
-        return DeviceInfo(
+        return identity(
             self.name,
-            "virtual-arm",
-            self._model.name,
-            self._config.serial,
-            "1",
-            simulated=True,
+            driver="virtual-arm",
+            model=self._model.name,
+            serial=self._config.serial,
         )
 
     def state(self) -> ArmState:
@@ -162,6 +157,11 @@ class VirtualArm:
         """Brake now, from any thread."""
         self._world.stop_arm(self._clock.now_s())
         self._link.interrupt()
+
+    def _connect(self) -> None:
+        require_reachable(
+            self._world.faults.arm, self.name, look_at="is the controller switched on?"
+        )
 
     def _fraction(self, speed_fraction: float) -> float:
         if not 0 < speed_fraction <= 1:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 from pydantic import Field
 
-from drivers.virtual_link import Link
+from drivers.virtual_link import identity, require_reachable
 from drivers.virtual_world import VirtualWorld, world_of
-from mvp.devices import DeviceContext, DeviceInfo, Frame, Role
+from mvp.devices import DeviceContext, DeviceInfo, Frame, Link, Role
 from mvp.errors import DeviceFault, DeviceTimeout, LimitError, MotionStopped
 from mvp.fileedge import FileModel
 
@@ -46,7 +46,9 @@ class VirtualCamera:
         self._config = config
         self._world = world
         self._clock = world.clock
-        self._link = Link(name, world.clock)
+        self._link = Link(
+            name, world.clock, connect=self._connect, disconnect=self.stop
+        )
         self._exposure_s = max(0.01, config.exposure_min_s)
         self._gain = 1.0
         self._began_s = 0.0
@@ -71,18 +73,10 @@ class VirtualCamera:
         Raises:
             ConnectError: it has been made unreachable.
         """
-        running = self._link.is_open
-        self._link.open(
-            unreachable=self._world.faults.camera.unreachable,
-            hint="check cable and supply",
-        )
-        if not running:
-            self._restart()
+        self._link.open()
 
     def close(self) -> None:
         """Disconnect; safe to repeat."""
-        if self._link.is_open:
-            self.stop()
         self._link.close()
 
     def __enter__(self) -> Self:
@@ -95,13 +89,11 @@ class VirtualCamera:
     def info(self) -> DeviceInfo:
         """Identity and versions."""
         camera = self._world.belief.camera
-        return DeviceInfo(
+        return identity(
             self.name,
-            "virtual-camera",
-            f"virtual {camera.width_px} x {camera.height_px}",
-            self._config.serial,
-            "1",
-            simulated=True,
+            driver="virtual-camera",
+            model=f"virtual {camera.width_px} x {camera.height_px}",
+            serial=self._config.serial,
         )
 
     def stop(self) -> None:
@@ -160,6 +152,12 @@ class VirtualCamera:
     @property
     def _period_s(self) -> float:
         return max(self._config.period_s, self._exposure_s + self._config.readout_s)
+
+    def _connect(self) -> None:
+        require_reachable(
+            self._world.faults.camera, self.name, look_at="check cable and supply"
+        )
+        self._restart()
 
     def _restart(self) -> None:
         """Begin exposing frame after frame with the present settings."""

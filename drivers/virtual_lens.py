@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 from pydantic import Field
 
-from drivers.virtual_link import Link
+from drivers.virtual_link import identity, require_reachable
 from drivers.virtual_world import VirtualWorld, world_of
-from mvp.devices import AXES, Axis, DeviceContext, DeviceInfo, LensState, Role
+from mvp.devices import AXES, Axis, DeviceContext, DeviceInfo, LensState, Link, Role
 from mvp.errors import DeviceFault, DeviceTimeout, LimitError, MotionStopped
 from mvp.fileedge import FileModel
 
@@ -47,7 +47,9 @@ class VirtualLens:
         self._config = config
         self._world = world
         self._clock = world.clock
-        self._link = Link(name, world.clock)
+        self._link = Link(
+            name, world.clock, connect=self._connect, disconnect=self.stop
+        )
         self._homed = False
         # Whether the last motion ended from the side of the table on every axis.
         self._engaged = False
@@ -80,15 +82,10 @@ class VirtualLens:
         Raises:
             ConnectError: it has been made unreachable.
         """
-        self._link.open(
-            unreachable=self._world.faults.lens.unreachable,
-            hint="check cable and supply",
-        )
+        self._link.open()
 
     def close(self) -> None:
         """Disconnect; motors in motion are stopped."""
-        if self._link.is_open:
-            self.stop()
         self._link.close()
 
     def __enter__(self) -> Self:
@@ -100,13 +97,11 @@ class VirtualLens:
 
     def info(self) -> DeviceInfo:
         """Identity and versions."""
-        return DeviceInfo(
+        return identity(
             self.name,
-            "virtual-lens",
-            "virtual zoom",
-            self._config.serial,
-            "1",
-            simulated=True,
+            driver="virtual-lens",
+            model="virtual zoom",
+            serial=self._config.serial,
         )
 
     def limits(self) -> dict[Axis, tuple[int, int]]:
@@ -185,6 +180,11 @@ class VirtualLens:
         """Stop the motors now, from any thread."""
         self._world.stop_lens(self._clock.now_s())
         self._link.interrupt()
+
+    def _connect(self) -> None:
+        require_reachable(
+            self._world.faults.lens, self.name, look_at="check cable and supply"
+        )
 
     def _is_homed(self) -> bool:
         return self._homed and not self._world.faults.lens.loses_home

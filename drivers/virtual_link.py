@@ -1,108 +1,24 @@
-"""What the simulated devices share: being connected, and one action at a time."""
+"""What the simulated devices share: a world to live in, and an identity."""
 
 from __future__ import annotations
 
-import logging
-import threading
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
-from mvp.errors import ConnectError, DeviceFault
+from mvp.devices import DeviceInfo
+from mvp.errors import ConnectError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from mvp.devices import Clock
-
-_T = TypeVar("_T")
-_LOG = logging.getLogger(__name__)
+    from drivers.virtual_settings import ArmFaults, CameraFaults, LensFaults
 
 
-class Link:
-    """Connection of one simulated device, and the action it is busy with.
+def require_reachable(
+    faults: ArmFaults | LensFaults | CameraFaults, name: str, *, look_at: str
+) -> None:
+    """Raise ``ConnectError`` when the device has been made unreachable."""
+    if faults.unreachable:
+        raise ConnectError("nobody answers", device=name, hint=look_at)
 
-    Args:
-        name: of the device, for errors and log lines.
-        clock: of the world the device lives in.
-    """
 
-    def __init__(self, name: str, clock: Clock) -> None:
-        self._name = name
-        self._clock = clock
-        self._lock = threading.Lock()
-        self._interrupted = threading.Event()
-        self._open = False
-        self._busy = False
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the device is connected."""
-        return self._open
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether the last action was cut short."""
-        return self._interrupted.is_set()
-
-    def open(self, *, unreachable: bool, hint: str) -> None:
-        """Connect; safe to repeat.
-
-        Raises:
-            ConnectError: it has been made unreachable.
-        """
-        if unreachable:
-            raise ConnectError("nobody answers", device=self._name, hint=hint)
-        if not self._open:
-            _LOG.info("%s: connected", self._name)
-        self._open = True
-
-    def close(self) -> None:
-        """Disconnect; safe to repeat."""
-        if self._open:
-            _LOG.info("%s: disconnected", self._name)
-        self._open = False
-
-    def require_open(self) -> None:
-        """Raise ``ConnectError`` unless connected."""
-        if not self._open:
-            raise ConnectError(
-                "not connected", device=self._name, hint="call open() first"
-            )
-
-    @contextmanager
-    def busy(self, begin: Callable[[], _T]) -> Iterator[_T]:
-        """Begin an action and stay busy with it; ``interrupt`` reaches it from then on.
-
-        Raises:
-            DeviceFault: another action is in progress.
-        """
-        with self._lock:
-            if self._busy:
-                raise DeviceFault(
-                    "another action is in progress already", device=self._name
-                )
-            self._interrupted.clear()
-            # Under the lock: a stop cannot fall between the start and being busy.
-            started = begin()
-            self._busy = True
-        try:
-            yield started
-        finally:
-            with self._lock:
-                self._busy = False
-
-    def interrupt(self) -> None:
-        """Cut the action in progress short, from any thread; else do nothing."""
-        with self._lock:
-            reached = self._busy
-            if reached:
-                self._interrupted.set()
-        if reached:
-            _LOG.info("%s: told to stop while busy", self._name)
-
-    def wait_until(self, moment_s: float) -> bool:
-        """Wait for a moment on the world's clock; False when interrupted."""
-        while (left := moment_s - self._clock.now_s()) > 0:
-            if self._clock.wait(self._interrupted, left):
-                return False
-        return True
+def identity(name: str, *, driver: str, model: str, serial: str) -> DeviceInfo:
+    """Who answers in a virtual world."""
+    return DeviceInfo(name, driver, model, serial, firmware="1", simulated=True)

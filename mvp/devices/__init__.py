@@ -1,6 +1,7 @@
 """Device protocols, clocks and the registry of drivers."""
 
 from mvp.devices.context import Clock, DeviceContext, RealClock, ScaledClock
+from mvp.devices.link import Link
 from mvp.devices.protocols import (
     AXES,
     Arm,
@@ -40,6 +41,7 @@ __all__ = [
     "Lens",
     "LensState",
     "LightBelief",
+    "Link",
     "RealClock",
     "Role",
     "ScaledClock",
