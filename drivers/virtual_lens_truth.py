@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from drivers.virtual_motion import StepMove
+from drivers.virtual_tracks import MotorTrack
 from mvp.devices import AXES, Axis
 from mvp.optics import LensSetting, LensTable
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from drivers.virtual_settings import LensFaults, WorldErrors
     from mvp.calibrated import AxisTable, LensTableCalibration
 
@@ -71,13 +74,23 @@ class AxisTruth:
             return -np.inf
         return self.begun_s + self.motion.duration_s
 
+    def moving_between(self, start_s: float, end_s: float) -> bool:
+        """Whether the motor moved in an interval."""
+        return self.begun_s < end_s and self.end_s > start_s
+
 
 @dataclass(eq=False)
 class LensTruth:
-    """Three motors and the glass they move."""
+    """Three motors and the glass they move.
+
+    Attributes:
+        axes: driven by the virtual lens itself.
+        tracks: motors that a simulator drives and only reports; they replace the axis.
+    """
 
     table: LensTable
     axes: dict[Axis, AxisTruth]
+    tracks: dict[Axis, MotorTrack] = field(default_factory=dict)
 
     @classmethod
     def of(cls, model: LensTableCalibration, *, tube_mm: float) -> Self:
@@ -97,9 +110,22 @@ class LensTruth:
         """Another extension tube."""
         self.table = self.table.with_tube(tube_mm)
 
+    def _motor(self, axis: Axis) -> AxisTruth | MotorTrack:
+        return self.tracks.get(axis, self.axes[axis])
+
+    def report(self, t_s: float, steps: Mapping[str, float]) -> None:
+        """Take over where a simulator says that its motors are."""
+        for axis in AXES:
+            if axis in steps:
+                own = self.axes[axis]
+                track = self.tracks.setdefault(
+                    axis, MotorTrack(own.backlash, own.motor)
+                )
+                track.report(t_s, float(steps[axis]))
+
     def motors(self, t_s: float) -> dict[Axis, float]:
         """Where the motors are."""
-        return {axis: self.axes[axis].motor_at(t_s) for axis in AXES}
+        return {axis: self._motor(axis).motor_at(t_s) for axis in AXES}
 
     def begin(
         self,
@@ -128,21 +154,18 @@ class LensTruth:
     @property
     def end_s(self) -> float:
         """When the last motor stands."""
-        return max(truth.end_s for truth in self.axes.values())
+        return max(self._motor(axis).end_s for axis in AXES)
 
     def moving_between(self, start_s: float, end_s: float) -> bool:
         """Whether a motor moved in an interval."""
-        return any(
-            truth.begun_s < end_s and truth.end_s > start_s
-            for truth in self.axes.values()
-        )
+        return any(self._motor(axis).moving_between(start_s, end_s) for axis in AXES)
 
     def setting(
         self, t_s: float, errors: WorldErrors, faults: LensFaults
     ) -> LensSetting:
         """The true f, d, a and e at a moment."""
         zoom, focus, iris = (
-            self.axes[axis].glass_at(t_s) + faults.lost_steps.get(axis, 0)
+            self._motor(axis).glass_at(t_s) + faults.lost_steps.get(axis, 0)
             for axis in AXES
         )
         f = float(self.table.zoom.value_mm(zoom))

@@ -136,7 +136,8 @@ class WorldSettings(FileModel):
     """The keys of ``[world]`` beside ``kind`` and ``clock_speed``.
 
     ``tube_mm``: the extension tube that is truly on the lens; left out, the one that
-    the cell names. ``light``: left out, the light that the cell states in its own
+    the cell names. ``smear_instants``: most still pictures that make up one picture
+    taken in motion; fewer are faster and coarser. ``light``: left out, the light that the cell states in its own
     ``[light]``, or the default where it states none; ``errors`` change it.
     """
 
@@ -144,6 +145,7 @@ class WorldSettings(FileModel):
     part_albedo: float = Field(default=0.8, gt=0, le=1)
     fixture_albedo: float = Field(default=0.4, gt=0, le=1)
     tube_mm: NotNegative | None = None
+    smear_instants: int = Field(default=41, ge=1, le=1000)
     errors: WorldErrors = Field(default_factory=WorldErrors)
     light: LightSettings | None = None
     sensor: SensorSettings = Field(default_factory=SensorSettings)

@@ -17,12 +17,14 @@ from drivers.virtual_bodies import true_bodies
 from drivers.virtual_lens_truth import LensTruth
 from drivers.virtual_light import true_light
 from drivers.virtual_motion import History, StraightMove
+from drivers.virtual_sensor import smear_instants, true_intrinsics
 from drivers.virtual_settings import (
     Faults,
     VectorOrLength,
     WorldErrors,
     WorldSettings,
 )
+from drivers.virtual_tracks import Track
 from mvp.errors import ConfigError
 from mvp.geometry import FloatArray, Pose, unit
 from mvp.imaging import (
@@ -36,16 +38,16 @@ from mvp.imaging import (
     render_moving,
 )
 from mvp.kinematics import arm_model, tool_from_camera_at
-from mvp.optics import Intrinsics, LensSetting, Sensor
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from numpy.typing import NDArray
 
     from mvp.devices import Axis, Clock, DeviceContext, WorldBelief
     from mvp.imaging import Illumination
+    from mvp.optics import Intrinsics, LensSetting
 
-_SMEAR_PX = 0.7
-_INSTANTS = (5, 41)  # fewest and most still pictures in one smeared exposure
 _KEPT_PICTURES = 2
 
 
@@ -85,6 +87,7 @@ class VirtualWorld:
         self._scene: RenderScene | None = None
         self._pictures: dict[bytes, RenderedImage] = {}
         self.arm = History(np.array(belief.start_joints, dtype=np.float64))
+        self._arm_track: Track | None = None
         tube = belief.mounted_tube_mm if settings.tube_mm is None else settings.tube_mm
         self.lens = LensTruth.of(belief.lens_table, tube_mm=tube)
         if len(self.arm.first) != self.model.dof:
@@ -166,20 +169,39 @@ class VirtualWorld:
             self.arm.halt(t_s)
             return self.arm.end_s
 
+    def report_arm(self, t_s: float, joints: Sequence[float]) -> None:
+        """Take over where a simulator says that its arm is: (dof,) rad or mm."""
+        place = np.asarray(joints, dtype=np.float64)
+        if place.shape != (self.model.dof,) or not np.isfinite(place).all():
+            raise ValueError(f"{self.model.name} has {self.model.dof} finite joints")
+        with self._lock:
+            if self._arm_track is None:
+                self._arm_track = Track(self.arm.first)
+            self._arm_track.report(t_s, place)
+
+    def report_lens(self, t_s: float, steps: Mapping[str, float]) -> None:
+        """Take over where a simulator says that its motors are, steps."""
+        with self._lock:
+            self.lens.report(t_s, steps)
+
+    @property
+    def _arm_history(self) -> History | Track:
+        return self._arm_track or self.arm
+
     def arm_end_s(self) -> float:
         """When the last motion of the arm ends or ended, s."""
         with self._lock:
-            return self.arm.end_s
+            return self._arm_history.end_s
 
     def arm_joints(self, t_s: float) -> FloatArray:
         """What the encoders say at a moment (dof,)."""
         with self._lock:
-            return self.arm.at(t_s)
+            return self._arm_history.at(t_s)
 
     def arm_standing(self, t_s: float) -> bool:
         """Whether the arm stands still at a moment."""
         with self._lock:
-            return t_s >= self.arm.end_s
+            return t_s >= self._arm_history.end_s
 
     def begin_lens(
         self,
@@ -212,7 +234,7 @@ class VirtualWorld:
         """Where everything is at a moment, also in the past."""
         with self._lock:
             errors = self._errors
-            joints = self.arm.at(t_s)
+            joints = self._arm_history.at(t_s)
             offset = np.zeros(len(joints))
             offset[: len(errors.arm_joints_deg)] = errors.arm_joints_deg
             turning = np.array([u == "rad" for u in self.model.joint_units])
@@ -249,23 +271,7 @@ class VirtualWorld:
     @property
     def intrinsics(self) -> Intrinsics:
         """The true sensor, principal point and distortion."""
-        camera, errors = self.belief.camera, self._errors
-        sensor = Sensor(
-            camera.width_px,
-            camera.height_px,
-            camera.pitch_x_um / 1e3,
-            camera.pitch_y_um / 1e3,
-        )
-        return Intrinsics(
-            sensor,
-            camera.centre_x_px + errors.centre_px[0],
-            camera.centre_y_px + errors.centre_px[1],
-            k1=camera.k1 + errors.k1,
-            k2=camera.k2,
-            p1=camera.p1,
-            p2=camera.p2,
-            k3=camera.k3,
-        )
+        return true_intrinsics(self.belief.camera, self._errors)
 
     @property
     def light(self) -> Illumination:
@@ -285,6 +291,10 @@ class VirtualWorld:
         return (*own, *targets)
 
     # Pictures.
+
+    def frame_size(self) -> tuple[int, int]:
+        """Columns and rows of a picture."""
+        return self.belief.camera.width_px, self.belief.camera.height_px
 
     def frame(
         self, start_s: float, exposure_s: float, *, gain: float = 1.0, index: int = 0
@@ -311,7 +321,7 @@ class VirtualWorld:
         """The light on the sensor, averaged over the exposure."""
         with self._lock:
             end_s = start_s + exposure_s
-            moving = self.arm.moving_between(start_s, end_s)
+            moving = self._arm_history.moving_between(start_s, end_s)
             moving |= self.lens.moving_between(start_s, end_s)
         if not moving:
             return self._render(self.state(start_s))
@@ -327,17 +337,13 @@ class VirtualWorld:
         )
 
     def _instants(self, first: WorldState, last: WorldState) -> int:
-        """How many still pictures make a smooth smear: one per 0.7 px, not too many."""
-        centre = self.base_from_part.apply(self.belief.part.bounds.centre_mm)
-        begin, end = (
-            state.base_from_camera.inverse().apply(centre) for state in (first, last)
+        """How many still pictures make a smooth smear."""
+        return smear_instants(
+            (first.base_from_camera, last.base_from_camera),
+            self.base_from_part.apply(self.belief.part.bounds.centre_mm),
+            scale_px=first.lens.d_mm / self.intrinsics.sensor.pitch_x_mm,
+            most=self._settings.smear_instants,
         )
-        pitch = self.intrinsics.sensor.pitch_x_mm
-        scale = first.lens.d_mm / pitch / max(abs(float(begin[2])), 1.0)
-        turn = first.base_from_camera.angle_to_rad(last.base_from_camera)
-        moved = float(np.linalg.norm(end - begin)) * scale
-        moved += turn * first.lens.d_mm / pitch
-        return int(np.clip(np.ceil(moved / _SMEAR_PX), *_INSTANTS))
 
     def _ready_scene(self) -> RenderScene:
         with self._lock:
