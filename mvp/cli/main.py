@@ -7,9 +7,10 @@ import os
 import signal
 import sys
 import traceback
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
+from typer.core import TyperCommand
 
 from mvp.cell.interrupts import uninterrupted
 from mvp.cli.output import report_error
@@ -65,6 +66,14 @@ def _options(
     """
 
 
+class _Command(TyperCommand):
+    """A subcommand whose usage line names an argument as its help does."""
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """``CELL`` where some versions of typer write ``{CELL}``."""
+        return [piece.strip("{}") for piece in super().collect_usage_pieces(ctx)]
+
+
 def build_app() -> typer.Typer:
     """The command with every subcommand; imports no heavy library."""
     app = typer.Typer(
@@ -77,7 +86,7 @@ def build_app() -> typer.Typer:
     app.callback()(_options)
     for name in _COMMANDS:
         module = importlib.import_module(f"mvp.cli.{name}")
-        app.command(name)(getattr(module, name))
+        app.command(name, cls=_Command)(getattr(module, name))
     return app
 
 
