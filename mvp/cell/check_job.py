@@ -9,7 +9,7 @@ from pydantic import Field
 
 from mvp.cell.hardware import check_serials, close_all, try_open
 from mvp.cell.plan_job import prepare
-from mvp.cell.run_job import build_for
+from mvp.cell.session import build_for
 from mvp.errors import MvpCellError
 from mvp.fileedge import FileModel
 

@@ -1,4 +1,4 @@
-"""Files that survive a power cut: write, flush to disk, then make visible."""
+"""Files that survive a power cut and a full disk: whole, or as they were before."""
 
 from __future__ import annotations
 
@@ -11,19 +11,50 @@ from typing import TYPE_CHECKING
 from mvp.errors import OutputError
 
 if TYPE_CHECKING:
+    from io import FileIO
     from pathlib import Path
+
+_FULL = {
+    errno.ENOSPC: ("the disk is full", "make room on that disk"),
+    errno.EDQUOT: (
+        "the quota is used up",
+        "remove files of yours on that disk or have the quota raised",
+    ),
+    errno.EFBIG: (
+        "the disk or the limit on file sizes takes no more",
+        "make room on that disk and look at `ulimit -f`",
+    ),
+}
 
 
 def output_error(path: Path, error: OSError) -> OutputError:
     """What an operating-system error means to the reader."""
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    if error.errno in _FULL:
+        why, hint = _FULL[error.errno]
+        free = _size(_free_bytes(path))
+        return OutputError(f"{path}: {why}, {free} free", hint=hint, where=str(path))
     return OutputError(
-        f"{path}: {'the disk is full' if full else error.strerror or error}",
-        hint="free some space or write to another folder (--out, --picture)"
-        if full
-        else "check the permissions or write to another folder (--out, --picture)",
+        f"{path}: {error.strerror or error}",
+        hint="check the permissions or write to another folder (--out, --picture)",
         where=str(path),
     )
+
+
+def _free_bytes(path: Path) -> int:
+    """Room on the disk that has, or would have, this path."""
+    return shutil.disk_usage(_existing(path)).free
+
+
+def _existing(path: Path) -> Path:
+    """The path, or its nearest ancestor that exists."""
+    path = path.absolute()
+    while not path.exists() and path != path.parent:
+        path = path.parent
+    return path
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:.0f} MB" if count >= 1e6 else f"{count / 1e3:.0f} kB"
 
 
 def write_durably(path: Path, content: bytes) -> None:
@@ -47,19 +78,55 @@ def write_durably(path: Path, content: bytes) -> None:
 
 
 def append_durably(path: Path, line: str) -> None:
-    """Append one line and flush it to disk.
+    """Append one line and flush it to disk; nothing of it stays where that fails.
 
     Raises:
         OutputError: the disk does not take it.
     """
     try:
         new = not path.exists()
-        with path.open("ab") as file:
-            file.write(line.encode() + b"\n")
-            file.flush()
-            os.fsync(file.fileno())
+        with path.open("ab", buffering=0) as file:
+            append_whole(file, line.encode() + b"\n", flush=True)
         if new:
             sync_folder(path.parent)
+    except OSError as error:
+        raise output_error(path, error) from error
+
+
+def append_whole(file: FileIO, content: bytes, *, flush: bool = False) -> None:
+    """Append all of it, or leave the file as it was.
+
+    Args:
+        file: open for appending, without a buffer.
+        content: what is appended.
+        flush: on disk when this returns.
+
+    Raises:
+        OSError: the disk does not take it.
+    """
+    before = os.fstat(file.fileno()).st_size
+    try:
+        rest = memoryview(content)
+        while rest:
+            rest = rest[file.write(rest) :]
+        if flush:
+            os.fsync(file.fileno())
+    except OSError:
+        with suppress(OSError):
+            file.truncate(before)
+        raise
+
+
+def cut_durably(path: Path, size: int) -> None:
+    """Cut a file off behind ``size`` bytes; needs no room.
+
+    Raises:
+        OutputError: the file cannot be changed.
+    """
+    try:
+        with path.open("r+b", buffering=0) as file:
+            file.truncate(size)
+            os.fsync(file.fileno())
     except OSError as error:
         raise output_error(path, error) from error
 
@@ -103,16 +170,12 @@ def check_writable(folder: Path, *, needed_bytes: int) -> None:
     Raises:
         OutputError: it is not, or there is not enough room.
     """
-    existing = folder.absolute()
-    while not existing.exists() and existing != existing.parent:
-        existing = existing.parent
+    existing = _existing(folder)
     probe = existing / f".mvp-cell-probe-{os.getpid()}"
     try:
-        with probe.open("xb") as file:
-            file.write(b"\0" * 4096)
-            file.flush()
-            os.fsync(file.fileno())
-        free = shutil.disk_usage(existing).free
+        with probe.open("xb", buffering=0) as file:
+            append_whole(file, b"\0" * 4096, flush=True)
+        free = _free_bytes(existing)
     except OSError as error:
         raise output_error(folder, error) from error
     finally:
@@ -120,8 +183,7 @@ def check_writable(folder: Path, *, needed_bytes: int) -> None:
             probe.unlink(missing_ok=True)
     if free < needed_bytes:
         raise OutputError(
-            f"{folder}: {free / 1e6:.0f} MB free, but the run may need "
-            f"{needed_bytes / 1e6:.0f} MB",
-            hint="free some space or name another folder with --out",
+            f"{folder}: {_size(free)} free, but {_size(needed_bytes)} may be needed",
+            hint="make room on that disk or name another folder with --out",
             where=str(folder),
         )

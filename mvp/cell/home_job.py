@@ -11,7 +11,8 @@ from pydantic import Field
 from mvp.cell.hardware import opened
 from mvp.cell.lock import cell_lock
 from mvp.cell.plan_job import Setting, prepare
-from mvp.cell.run_job import Motion, build_for, lock_of
+from mvp.cell.run_job import lock_of
+from mvp.cell.session import Motion, build_for
 from mvp.errors import InfeasibleError, StoppedByOperator
 from mvp.fileedge import FileModel
 from mvp.kinematics import NoPath, find_path

@@ -16,14 +16,15 @@ import tempfile
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
-from mvp.cell.durable import output_error
+from mvp.cell.durable import append_whole, output_error
 from mvp.cell.places import bundled_root
 from mvp.errors import OutputError, RecordError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from io import FileIO
 
 _LOCK_NAME = ".mvp-cell.lock"
 _TRIES = 5
@@ -89,16 +90,23 @@ def cell_lock(path: Path, *, run_id: str) -> Iterator[bool]:
         crashed = bool(_content(file))
         holder = {"pid": os.getpid(), "host": socket.gethostname(), "run": run_id}
         try:
-            _replace(file, json.dumps(holder).encode())
+            _say_who(path, file, holder)
             yield crashed
         finally:
             _release(path, file)
 
 
+def _say_who(path: Path, file: FileIO, holder: dict[str, object]) -> None:
+    try:
+        _replace(file, json.dumps(holder).encode())
+    except OSError as error:
+        raise output_error(path, error) from error
+
+
 def held_by(path: Path) -> str | None:
     """The run that holds a lock now; empty when it does not say, None when nobody."""
     try:
-        file = path.open("r+b")
+        file = path.open("r+b", buffering=0)
     except OSError:
         return None
     with file:
@@ -107,13 +115,13 @@ def held_by(path: Path) -> str | None:
         return str(_holder(_content(file)).get("run", ""))
 
 
-def _locked(path: Path) -> IO[bytes]:
+def _locked(path: Path) -> FileIO:
     """The open file, locked, and still the one that has this name."""
     content = b""
     for _ in range(_TRIES):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            file = path.open("a+b")
+            file = path.open("a+b", buffering=0)
         except OSError as error:
             raise output_error(path, error) from error
         if _acquire(file):
@@ -128,14 +136,14 @@ def _locked(path: Path) -> IO[bytes]:
     raise _held(path, content)
 
 
-def _is_at(path: Path, file: IO[bytes]) -> bool:
+def _is_at(path: Path, file: FileIO) -> bool:
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.stat())
     except OSError:
         return False
 
 
-def _release(path: Path, file: IO[bytes]) -> None:
+def _release(path: Path, file: FileIO) -> None:
     """Remove the file while it is held, so that nobody else can be holding it."""
     _replace(file, b"")
     if sys.platform != "win32" and _is_at(path, file):
@@ -143,19 +151,18 @@ def _release(path: Path, file: IO[bytes]) -> None:
             path.unlink()
 
 
-def _content(file: IO[bytes]) -> bytes:
+def _content(file: FileIO) -> bytes:
     file.seek(0)
     return file.read()
 
 
-def _replace(file: IO[bytes], content: bytes) -> None:
+def _replace(file: FileIO, content: bytes) -> None:
     file.seek(0)
     file.truncate()
-    file.write(content)
-    file.flush()
+    append_whole(file, content)
 
 
-def _acquire(file: IO[bytes]) -> bool:
+def _acquire(file: FileIO) -> bool:
     try:
         if sys.platform == "win32":
             import msvcrt

@@ -5,15 +5,19 @@ from __future__ import annotations
 import json
 import logging
 import traceback
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
+from mvp.cell.durable import append_whole, output_error
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
+    from io import FileIO
     from pathlib import Path
 
     from mvp.devices import DeviceInfo
+    from mvp.errors import OutputError
 
 _LOG = logging.getLogger(__name__)
 _LOGGERS = ("mvp", "drivers", "calibration")
@@ -41,10 +45,44 @@ class JsonLines(logging.Formatter):
         return json.dumps(line)
 
 
+class LogFile(logging.Handler):
+    """Appends whole lines to a file; gives up, for good, when the disk takes no more.
+
+    A log that cannot be kept never spoils a run, so nothing is raised; ``error`` says
+    what happened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._path = path
+        self._file: FileIO | None = None
+        self.error: OutputError | None = None
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Append the line for one record."""
+        if self.error is not None:
+            return
+        line = self.format(record).encode() + b"\n"
+        try:
+            if self._file is None:
+                self._file = self._path.open("ab", buffering=0)
+            append_whole(self._file, line)
+        except OSError as error:
+            self.error = output_error(self._path, error)
+
+    def close(self) -> None:
+        """Close the file."""
+        with self.lock or nullcontext():
+            if self._file is not None:
+                self._file.close()
+                self._file = None
+        super().close()
+
+
 @contextmanager
-def log_to(path: Path, run_id: str) -> Iterator[None]:
+def log_to(path: Path, run_id: str) -> Iterator[LogFile]:
     """Send the log of our packages to a file while a run lasts."""
-    handler = logging.FileHandler(path, encoding="utf-8", delay=True)
+    handler = LogFile(path)
     handler.setFormatter(JsonLines(run_id))
     handler.setLevel(logging.DEBUG)
     levels = {}
@@ -54,7 +92,7 @@ def log_to(path: Path, run_id: str) -> Iterator[None]:
         logger.addHandler(handler)
         logger.setLevel(logging.DEBUG)
     try:
-        yield
+        yield handler
     finally:
         for name in _LOGGERS:
             logger = logging.getLogger(name)

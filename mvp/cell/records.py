@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from mvp.cell.durable import append_durably, write_durably
+from mvp.cell.durable import append_durably, cut_durably
 from mvp.errors import RecordError
 from mvp.fileedge import FileModel
 
@@ -212,7 +212,7 @@ def read_records(path: Path, *, repair: bool = False) -> list[Record]:
         ) from error
     whole, newline, tail = raw.rpartition(b"\n")
     if tail and repair:
-        write_durably(path, whole + newline)
+        cut_durably(path, len(whole + newline))
     lines = whole.split(b"\n") if whole else []
     records = [_parse(path, number, line) for number, line in enumerate(lines, 1)]
     for number, record in enumerate(records):

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+from mvp.cell.durable import check_writable
 from mvp.cell.loading import load_task
 from mvp.cell.lock import cell_lock
 from mvp.cell.plan_job import Setting, prepare
@@ -25,16 +26,19 @@ from mvp.cell.records import (
 from mvp.cell.run_folder import RunFolder, find_run
 from mvp.cell.run_job import (
     RunOptions,
+    input_hashes,
+    lock_of,
+    needed_bytes,
+    utc_now,
+)
+from mvp.cell.runner import RunOutcome
+from mvp.cell.session import (
     RunResult,
     Session,
     Watcher,
     device_records,
-    input_hashes,
-    lock_of,
-    utc_now,
     write_document,
 )
-from mvp.cell.runner import RunOutcome
 from mvp.cell.verification import Expectations, PictureVerifier
 from mvp.errors import RecordError
 
@@ -73,8 +77,10 @@ def resume_run(
         left = _not_captured(plan, records)
         if not left:
             return _finish(setting, folder, journal, plan, records)
+        check_writable(folder.path, needed_bytes=needed_bytes(setting, len(left)))
         session = Session.open(stack, setting, left, watcher)
         journal.write(_again(first, session))
+        write_document(setting, folder, plan, {})
         _verify_rest(setting, folder, journal, plan, records)
         return session.drive(folder, journal, plan, left, step=options.step)
 

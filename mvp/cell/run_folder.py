@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -16,7 +18,7 @@ from mvp.errors import OutputError, RecordError
 from mvp.planning.plan import Plan
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -146,17 +148,27 @@ class RunFolder:
             OutputError: the folder does not take it.
         """
         known = {r.image for r in records if isinstance(r, Captured)}
-        moved = []
-        for file in sorted(self.images.iterdir()):
-            if file.relative_to(self.path).as_posix() in known:
-                continue
-            self.quarantine.mkdir(exist_ok=True)
-            number = sum(1 for _ in self.quarantine.iterdir())
-            file.replace(self.quarantine / f"{number:03d}-{file.name.lstrip('.')}")
-            moved.append(file.name)
-        if moved:
-            sync_folder(self.quarantine)
-        return moved
+        files = sorted(self.images.iterdir())
+        unknown = [f for f in files if f.relative_to(self.path).as_posix() not in known]
+        try:
+            for file in unknown:
+                self.quarantine.mkdir(exist_ok=True)
+                number = sum(1 for _ in self.quarantine.iterdir())
+                file.replace(self.quarantine / f"{number:03d}-{file.name.lstrip('.')}")
+            if unknown:
+                sync_folder(self.quarantine)
+        except OSError as error:
+            raise output_error(self.quarantine, error) from error
+        return [file.name for file in unknown]
+
+    @contextmanager
+    def dropped_on_error(self) -> Iterator[None]:
+        """Leave no folder behind when it cannot even be begun."""
+        try:
+            yield
+        except BaseException:
+            shutil.rmtree(self.path, ignore_errors=True)
+            raise
 
 
 def create_run_folder(parent: Path, name: str) -> RunFolder:
@@ -173,9 +185,11 @@ def create_run_folder(parent: Path, name: str) -> RunFolder:
                 path.mkdir()
             except FileExistsError:
                 continue
-            (path / "images").mkdir()
-            sync_folder(parent)
-            return RunFolder(path.resolve())
+            folder = RunFolder(path.resolve())
+            with folder.dropped_on_error():
+                folder.images.mkdir()
+                sync_folder(parent)
+            return folder
     except OSError as error:
         raise output_error(parent, error) from error
     raise OutputError(

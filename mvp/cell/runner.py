@@ -189,6 +189,9 @@ class Runner:
         reason = self._reason(error)
         moving = "" if error is None else self._engine.may_still_move()
         further = self._finish(reason, error, moving)
+        if error is None and further:
+            # Done, but not written down that it is.
+            reason, (error, *further) = "error", further
         verified = tuple(self._verified)
         return RunOutcome(reason, verified, error, tuple(further), moving)
 

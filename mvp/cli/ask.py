@@ -9,7 +9,7 @@ from mvp.cli.output import console
 from mvp.errors import UsageError
 
 if TYPE_CHECKING:
-    from mvp.cell.run_job import Motion
+    from mvp.cell.session import Motion
 
 
 def allow_motion(motion: Motion, *, yes: bool) -> bool:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from mvp.errors import MvpCellError
+from mvp.errors import MvpCellError, OutputError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -25,9 +27,22 @@ def print_model(model: BaseModel) -> None:
 
 
 def print_text(text: str) -> None:
-    """A finished document on stdout."""
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
+    """A finished document on stdout.
+
+    Raises:
+        OutputError: nobody takes it.
+    """
+    try:
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
+    except OSError as error:
+        # What is left in the buffer would fail once more when the program ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise OutputError(
+            f"standard output: {error.strerror or error}",
+            hint="make room where it is sent to, or send it elsewhere",
+            where="standard output",
+        ) from error
 
 
 def report_error(
@@ -52,17 +67,18 @@ def report_error(
     if not told:
         tell_error(error, moving=moving)
     if as_json:
-        print_model(
-            ErrorDocument(
-                code=error.exit_code,
-                kind=type(error).__name__,
-                where=error.where,
-                message=error.message,
-                hint=error.hint,
-                folder=folder,
-                may_still_move=moving,
-            )
+        document = ErrorDocument(
+            code=error.exit_code,
+            kind=type(error).__name__,
+            where=error.where,
+            message=error.message,
+            hint=error.hint,
+            folder=folder,
+            may_still_move=moving,
         )
+        # Nobody reads it; the person was told what went wrong in the first place.
+        with suppress(OutputError):
+            print_model(document)
     return error.exit_code
 
 
@@ -74,3 +90,11 @@ def tell_error(error: MvpCellError, *, moving: str | None = None) -> None:
         lines.print(f"may still be moving: {moving}", style="bold red", markup=False)
     if error.hint:
         lines.print(f"hint:  {error.hint}", markup=False)
+
+
+def tell_warning(message: str, *, hint: str = "") -> None:
+    """Something that does not change how the command ends, for a person."""
+    lines = console()
+    lines.print(f"warning: {message}", style="yellow", markup=False)
+    if hint:
+        lines.print(f"hint:    {hint}", markup=False)

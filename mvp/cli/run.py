@@ -17,7 +17,7 @@ from mvp.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from mvp.cell.run_job import RunResult
+    from mvp.cell.session import RunResult
 
 
 def run(

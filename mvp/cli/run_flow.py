@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mvp.cell.durable import check_writable
@@ -11,21 +12,14 @@ from mvp.cell.plan_job import Setting, make_plan
 from mvp.cell.report_hook import write_report_if_possible
 from mvp.cell.resume_command import resume_command
 from mvp.cell.resume_job import resume_run
-from mvp.cell.run_job import (
-    Motion,
-    RunOptions,
-    RunResult,
-    Watcher,
-    dry_run,
-    require_runnable,
-    start_run,
-)
+from mvp.cell.run_job import RunOptions, dry_run, require_runnable, start_run
+from mvp.cell.session import Motion, RunResult, Watcher
 from mvp.cell.states import RunState, RunStatus
 from mvp.cli.ask import allow_motion, ask, terminal
-from mvp.cli.output import console, print_model, tell_error
+from mvp.cli.output import console, print_model, tell_error, tell_warning
 from mvp.cli.progress import stages
 from mvp.cli.tables import print_plan, print_run
-from mvp.errors import MvpCellError, StoppedByOperator, UsageError
+from mvp.errors import MvpCellError, OutputError, StoppedByOperator, UsageError
 
 if TYPE_CHECKING:
     from mvp.cell.run_folder import RunFolder
@@ -57,7 +51,11 @@ class RunFlow:
     def resume(self, run: str) -> RunResult:
         """Go on with a run that broke off."""
         self._refuse_step_without_terminal()
-        result = resume_run(self.cell, run, self.options, self._watcher())
+        try:
+            result = resume_run(self.cell, run, self.options, self._watcher())
+        except OutputError as error:
+            error.hint = f"{error.hint}; then give the same command again"
+            raise
         return self._reported(result)
 
     def dry_run(self, as_json: bool) -> int:
@@ -78,16 +76,31 @@ class RunFlow:
         return planned.setting, planned.plan
 
     def _reported(self, result: RunResult) -> RunResult:
-        page = None
+        """Draw the report; where the disk took no more before, that would be in vain."""
+        if isinstance(result.outcome.error, OutputError):
+            return result
+        if result.log_error is not None:
+            tell_warning(f"the log is incomplete: {result.log_error}")
         try:
             with stages() as tell:
                 tell("drawing the report")
                 page = write_report_if_possible(result)
         except KeyboardInterrupt:
             console().print("no report: stopped by the operator")
-        if page is not None:
+            return result
+        if isinstance(page, Path):
             console().print(f"report: {page}", markup=False)
+        else:
+            self._tell_no_report(page, result.folder)
         return result
+
+    def _tell_no_report(self, error: Exception, folder: RunFolder) -> None:
+        """Why, and the command that makes it up; it moves nothing."""
+        first = f"the log says more: {folder.log_file}"
+        if isinstance(error, MvpCellError):
+            first = error.hint
+        hint = f"{first}; then: {_resume_command(self.cell, folder)}"
+        tell_warning(f"no report: {error}", hint=hint)
 
     def _watcher(self) -> Watcher:
         return Watcher(self._allow, self._follow, _show, self._tell_end)
@@ -131,9 +144,7 @@ def early_end(
     """Why a run ended early and how to go on; None when it did not, or for a bug."""
     if outcome.reason == "completed":
         return None
-    command = resume_command(
-        folder.path, cell.source.path, accept_calibration=cell.accept_calibration
-    )
+    command = _resume_command(cell, folder)
     if outcome.reason == "aborted":
         return StoppedByOperator(
             "stopped by the operator", hint=f"go on with: {command}"
@@ -145,6 +156,12 @@ def early_end(
             error.hint = f"{first}go on with: {command}"
         return error
     return None
+
+
+def _resume_command(cell: LoadedCell, folder: RunFolder) -> str:
+    return resume_command(
+        folder.path, cell.source.path, accept_calibration=cell.accept_calibration
+    )
 
 
 def _show(status: RunStatus) -> None:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from mvp.cell.loading import load_cell, load_task
 from mvp.cell.plan_job import prepare
-from mvp.cell.run_job import RunOptions, Watcher, start_run
+from mvp.cell.run_job import RunOptions, start_run
+from mvp.cell.session import Watcher
 from mvp.planning.plan import Plan
 
 if TYPE_CHECKING:

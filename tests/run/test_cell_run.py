@@ -24,7 +24,8 @@ from mvp.cell.records import (
     read_records,
 )
 from mvp.cell.run_document import RunDocument
-from mvp.cell.run_job import RunOptions, RunResult, Watcher, start_run
+from mvp.cell.run_job import RunOptions, start_run
+from mvp.cell.session import RunResult, Watcher
 from mvp.cell.states import RunState
 from mvp.cli.main import invoke
 from mvp.errors import (

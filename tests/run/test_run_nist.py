@@ -10,7 +10,8 @@ import pytest
 from mvp.cell.loading import load_cell, load_task
 from mvp.cell.places import bundled_root
 from mvp.cell.plan_job import make_plan
-from mvp.cell.run_job import RunOptions, RunResult, Watcher, start_run
+from mvp.cell.run_job import RunOptions, start_run
+from mvp.cell.session import RunResult, Watcher
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "nist_step"
 FTC_09 = SHARED / "nist_ftc_09_asme1_rd.stp"

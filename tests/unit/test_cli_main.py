@@ -15,7 +15,7 @@ import pytest
 
 from mvp.cell.places import bundled_root
 from mvp.cell.run_document import RunDocument, VerificationDocument, ViewDocument
-from mvp.cell.run_job import Motion
+from mvp.cell.session import Motion
 from mvp.cli.ask import allow_motion
 from mvp.cli.main import invoke
 from mvp.cli.tables import print_plan, print_run

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from mvp.cell.durable import write_durably
 from mvp.cell.figures.illustrate import Drawing, Surface, draw, eye_around
-from mvp.errors import OutputError
 from mvp.geometry import Box
 
 if TYPE_CHECKING:
@@ -86,14 +87,9 @@ def scene_picture(
     _scale_bar(axes, drawing)
     if title:
         axes.text(14, 26, title, fontsize=12, weight="bold", va="center")
-    try:
-        figure.savefig(path, dpi=_DPI)
-    except OSError as error:
-        raise OutputError(
-            f"cannot write the picture: {error}",
-            where=str(path),
-            hint="free space on the disk or choose another folder with --out",
-        ) from error
+    picture = BytesIO()
+    figure.savefig(picture, dpi=_DPI, format=path.suffix.removeprefix("."))
+    write_durably(path, picture.getvalue())
     return path
 
 

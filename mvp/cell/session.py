@@ -1,0 +1,261 @@
+"""Devices that are open and a plan that was checked: from there a run is driven."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from mvp.cell.beside import run_beside
+from mvp.cell.engine import CellEngine
+from mvp.cell.hardware import WorldBodies, build_devices, check_serials, opened
+from mvp.cell.interrupts import uninterrupted
+from mvp.cell.logs import log_devices, log_to
+from mvp.cell.preflight import Routes, check_limits
+from mvp.cell.records import DeviceRecord
+from mvp.cell.run_document import RunDocument, run_document
+from mvp.cell.runner import Runner, RunOutcome
+from mvp.cell.verification import Expectations, PictureVerifier, TaskExposure
+from mvp.errors import OutputError, StoppedByOperator
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from contextlib import ExitStack
+
+    from mvp.cell.engine import CellDevices
+    from mvp.cell.plan_job import Setting
+    from mvp.cell.records import RecordLog
+    from mvp.cell.run_folder import RunFolder
+    from mvp.cell.states import RunStatus
+    from mvp.devices import DeviceInfo
+    from mvp.planning.plan import Plan, PlannedView
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a person is asked to allow."""
+
+    cell: str
+    views: int
+    infos: dict[str, DeviceInfo]
+
+    @property
+    def simulated(self) -> bool:
+        """Every device says that it is simulated."""
+        return all(info.simulated for info in self.infos.values())
+
+
+@dataclass(frozen=True)
+class Watcher:
+    """The person's side of a run.
+
+    Attributes:
+        allow: asked once before the first motion; False ends the run.
+        follow: called in the caller's thread until the run has ended; may raise
+            ``KeyboardInterrupt``, which stops the devices.
+        on_status: told about every change.
+        on_end: told how the run ended, before anything else is written.
+    """
+
+    allow: Callable[[Motion], bool]
+    follow: Callable[[Runner], None]
+    on_status: Callable[[RunStatus], None] | None = None
+    on_end: Callable[[RunFolder, RunOutcome], None] | None = None
+
+    def tell_end(self, folder: RunFolder, outcome: RunOutcome) -> None:
+        """Tell how it ended; a failure to do so never spoils the run."""
+        if self.on_end is None:
+            return
+        try:
+            self.on_end(folder, outcome)
+        except Exception:
+            _LOG.exception("the end of the run could not be told")
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a run left behind, and what it was made from.
+
+    Attributes:
+        log_error: why the log is incomplete, if it is.
+    """
+
+    setting: Setting
+    document: RunDocument
+    folder: RunFolder
+    outcome: RunOutcome
+    log_error: OutputError | None = None
+
+
+def build_for(setting: Setting) -> CellDevices:
+    """The devices of a cell, with the task's part in a simulated world."""
+    scene = setting.scene
+    return build_devices(
+        setting.cell, WorldBodies(scene.scene.part, scene.fixtures_base)
+    )
+
+
+def check_before(
+    setting: Setting,
+    devices: CellDevices,
+    infos: dict[str, DeviceInfo],
+    views: Sequence[PlannedView],
+    routes: Routes,
+) -> None:
+    """Everything that can be found out without moving."""
+    check_serials(setting.cell, infos)
+    check_limits(devices, views, setting.task.config.exposure.exposure_s)
+    routes.check_all(devices.arm.state().joints, views)
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """Opened devices and a checked plan."""
+
+    setting: Setting
+    devices: CellDevices
+    infos: dict[str, DeviceInfo]
+    routes: Routes
+    watcher: Watcher
+
+    @classmethod
+    def open(
+        cls,
+        stack: ExitStack,
+        setting: Setting,
+        views: Sequence[PlannedView],
+        watcher: Watcher,
+    ) -> Session:
+        """Open the devices, check everything, ask the person."""
+        devices = build_for(setting)
+        infos = stack.enter_context(opened(devices))
+        routes = Routes(setting.arm)
+        check_before(setting, devices, infos, views, routes)
+        if not watcher.allow(Motion(setting.cell.config.name, len(views), infos)):
+            raise StoppedByOperator("the operator did not allow the arm to move")
+        return cls(setting, devices, infos, routes, watcher)
+
+    def drive(
+        self,
+        folder: RunFolder,
+        journal: RecordLog,
+        plan: Plan,
+        views: Sequence[PlannedView],
+        *,
+        step: bool,
+    ) -> RunResult:
+        """Take the views and write the result."""
+        began = time.perf_counter()
+        with log_to(folder.log_file, folder.run_id) as log:
+            self._log_start(plan, views)
+            runner = Runner(
+                self._engine(folder, views),
+                journal,
+                views,
+                step=step,
+                on_status=self.watcher.on_status,
+            )
+            outcome = run_beside(runner, self.watcher.follow)
+            timing = {"run": time.perf_counter() - began, "plan": plan.timing_s.total}
+            with uninterrupted():
+                document, outcome = self._close(folder, plan, outcome, timing)
+            _LOG.info("run: %s after %.2f s", document.status, timing["run"])
+        return RunResult(self.setting, document, folder, outcome, log.error)
+
+    def _close(
+        self,
+        folder: RunFolder,
+        plan: Plan,
+        outcome: RunOutcome,
+        timing: dict[str, float],
+    ) -> tuple[RunDocument, RunOutcome]:
+        """Tell the end and write the result; only the first thing that failed is told."""
+        if outcome.error is not None:
+            self.watcher.tell_end(folder, outcome)
+        document = _document(self.setting, folder, plan, timing)
+        try:
+            folder.write_document(document)
+        except OutputError as error:
+            _LOG.error("run: %s", error)
+            if outcome.error is not None:
+                further = (*outcome.further, error)
+                return document, replace(outcome, further=further)
+            outcome = replace(outcome, reason="error", error=error)
+            self.watcher.tell_end(folder, outcome)
+        return document, outcome
+
+    def _log_start(self, plan: Plan, views: Sequence[PlannedView]) -> None:
+        _LOG.info(
+            "run: cell %s%s, task %s, part %s, %s plan, to take: %s",
+            plan.cell.name,
+            " (simulated)" if plan.cell.simulated else "",
+            self.setting.task.config.name,
+            self.setting.scene.part.sha256[:12],
+            plan.status,
+            ", ".join(view.id for view in views),
+        )
+        log_devices(self.infos.values())
+
+    def _engine(self, folder: RunFolder, views: Sequence[PlannedView]) -> CellEngine:
+        settle = self.setting.cell.config.settle
+        exposure = self.setting.task.config.exposure
+        expectations = Expectations(self.setting)
+        return CellEngine(
+            self.devices,
+            settle_s=(settle.arm_s, settle.lens_s),
+            preflight=lambda: check_before(
+                self.setting, self.devices, self.infos, views, self.routes
+            ),
+            route=lambda start, view: self.routes.find(start, view).tolist(),
+            exposure=TaskExposure(
+                expectations,
+                exposure.exposure_s,
+                exposure.gain,
+                self.devices.camera.exposure_range_s(),
+            ),
+            store=folder.store,
+            verifier=PictureVerifier(expectations, folder.load),
+        )
+
+
+def write_document(
+    setting: Setting, folder: RunFolder, plan: Plan, timing_s: dict[str, float]
+) -> RunDocument:
+    """Write the result from plan and records, durably.
+
+    Raises:
+        OutputError: the disk does not take it.
+    """
+    document = _document(setting, folder, plan, timing_s)
+    folder.write_document(document)
+    return document
+
+
+def _document(
+    setting: Setting, folder: RunFolder, plan: Plan, timing_s: dict[str, float]
+) -> RunDocument:
+    return run_document(
+        plan,
+        folder.records(),
+        folder=str(folder.path),
+        task=setting.task.config.name,
+        timing_s=timing_s,
+    )
+
+
+def device_records(infos: dict[str, DeviceInfo]) -> list[DeviceRecord]:
+    """Who answered, for the record."""
+    return [
+        DeviceRecord(
+            role=role,
+            driver=info.driver,
+            model=info.model,
+            serial=info.serial,
+            firmware=info.firmware,
+            simulated=info.simulated,
+        )
+        for role, info in infos.items()
+    ]
