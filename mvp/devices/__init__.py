@@ -1,7 +1,16 @@
 """Device protocols, clocks and the registry of drivers."""
 
 from mvp.devices.context import Clock, DeviceContext, RealClock, ScaledClock
+from mvp.devices.framing import (
+    DelimiterFramer,
+    EchoStripper,
+    Framer,
+    LengthFramer,
+    LineFramer,
+    text,
+)
 from mvp.devices.link import Link
+from mvp.devices.ports import PortFound, list_ports
 from mvp.devices.protocols import (
     AXES,
     Arm,
@@ -15,39 +24,74 @@ from mvp.devices.protocols import (
     LensState,
     Role,
 )
+from mvp.devices.recording import (
+    RecordingTransport,
+    ReplayTransport,
+    Traffic,
+    dumping_faults,
+)
 from mvp.devices.registry import (
     DriverClass,
     DriverEntry,
     list_drivers,
     load_driver,
+    load_simulator,
     load_world,
 )
+from mvp.devices.serial_line import SerialTransport, TcpTransport
+from mvp.devices.session import Accept, Ask, Session, Take
+from mvp.devices.simulator import Simulator, SimulatorClass
+from mvp.devices.transport import Transport, TransportConfig, recorded_link
 from mvp.devices.world import LampBelief, LightBelief, WorldBelief, WorldClass
 
 __all__ = [
     "AXES",
+    "Accept",
     "Arm",
     "ArmState",
+    "Ask",
     "Axis",
     "Camera",
     "Clock",
+    "DelimiterFramer",
     "Device",
     "DeviceContext",
     "DeviceInfo",
     "DriverClass",
     "DriverEntry",
+    "EchoStripper",
     "Frame",
+    "Framer",
     "LampBelief",
+    "LengthFramer",
     "Lens",
     "LensState",
     "LightBelief",
+    "LineFramer",
     "Link",
+    "PortFound",
     "RealClock",
+    "RecordingTransport",
+    "ReplayTransport",
     "Role",
     "ScaledClock",
+    "SerialTransport",
+    "Session",
+    "Simulator",
+    "SimulatorClass",
+    "Take",
+    "TcpTransport",
+    "Traffic",
+    "Transport",
+    "TransportConfig",
     "WorldBelief",
     "WorldClass",
+    "dumping_faults",
     "list_drivers",
+    "list_ports",
     "load_driver",
+    "load_simulator",
     "load_world",
+    "recorded_link",
+    "text",
 ]

@@ -9,8 +9,13 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from mvp.devices.transport import recorded_link
+
 if TYPE_CHECKING:
     import threading
+    from collections.abc import Callable
+
+    from mvp.devices.transport import Transport, TransportConfig
 
 
 class Clock(Protocol):
@@ -64,9 +69,14 @@ class DeviceContext:
         rng: randomness of simulated devices.
         folder: where relative paths of the device's configuration start.
         world: the shared truth of a virtual or simulated cell, else None.
+        transports: makes the link that a device's configuration describes; tests put
+            a script or a recording in its place.
+        dump_folder: where the traffic of a link goes after a fault; None for nowhere.
     """
 
     clock: Clock = field(default_factory=RealClock)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     folder: Path = field(default_factory=Path)
     world: object | None = None
+    transports: Callable[[TransportConfig, str], Transport] = recorded_link
+    dump_folder: Path | None = None

@@ -1,0 +1,470 @@
+"""One conversation over a link: a reader, one command at a time, and everything else.
+
+A single thread reads and offers every frame to the command that waits for an answer;
+what that does not take goes to the driver's push handler. A command ends in exactly one
+of: answered, refused (its ``accept`` raised), aborted (by the push handler or a stop),
+timed out, or lost with the link.
+
+After a time-out an answer may still come, and would be taken for the next command's.
+The session is then *out of step*: before the next command it waits until nothing
+unexpected comes any more and asks a question with a recognisable answer.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Protocol, TypeAlias
+
+from mvp.devices.framing import EchoStripper
+from mvp.devices.recording import dumping_faults
+from mvp.errors import (
+    ConnectError,
+    DeviceError,
+    DeviceTimeout,
+    LinkLost,
+    MvpCellError,
+    WireError,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+    from pathlib import Path
+
+    from mvp.devices.context import Clock
+    from mvp.devices.framing import Framer
+    from mvp.devices.transport import Transport
+
+_LOG = logging.getLogger(__name__)
+_READ_S = 0.1  # how often the reader looks whether it shall end
+_JOIN_S = 5.0
+_DRAIN_LIMIT_S = 10.0
+
+
+class Take(Enum):
+    """What a frame is to the command that waits for its answer."""
+
+    OTHER = "not for this command"
+    PART = "belongs to the answer, which goes on"
+    ALIVE = "not the answer, but the device is at it: the deadline starts anew"
+    DONE = "completes the answer"
+
+
+Accept: TypeAlias = "Callable[[bytes], Take]"
+
+
+class Ask(Protocol):
+    """Sends a command and waits for its answer, also while out of step."""
+
+    def __call__(
+        self, data: bytes, accept: Accept, *, timeout_s: float
+    ) -> tuple[bytes, ...]:
+        """The frames of the answer; errors as of ``Session.request``."""
+        ...
+
+
+@dataclass(eq=False)
+class _Pending:
+    """The command that waits for its answer."""
+
+    accept: Accept
+    timeout_s: float
+    deadline_s: float
+    frames: list[bytes] = field(default_factory=list)
+    error: MvpCellError | None = None
+    ended: threading.Event = field(default_factory=threading.Event)
+    released: threading.Event = field(default_factory=threading.Event)
+
+
+def _no_push(frame: bytes) -> bool:
+    """Knows no unsolicited message."""
+    return False
+
+
+class Session:
+    """A driver's conversation with its device.
+
+    Args:
+        transport: carries the bytes; opened and closed by the session.
+        framer: cuts them into frames.
+        clock: monotonic time and waiting.
+        on_push: gets every frame that no command took, on the reader's thread. True
+            when the device may say that unasked; False counts it as stray. A
+            ``MvpCellError`` that it raises fails the command that waits.
+        sync: asks a question with a recognisable answer through the function that it
+            gets; None waits for quiet only.
+        on_lost: told once when the link is lost, on the reader's thread.
+        strip_echo: the link returns what is sent.
+        quiet_s: silence after which no late answer is expected.
+        dump_folder: where the traffic goes when a command fails; None writes nothing.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        framer: Framer,
+        *,
+        clock: Clock,
+        on_push: Callable[[bytes], bool] = _no_push,
+        sync: Callable[[Ask], None] | None = None,
+        on_lost: Callable[[DeviceError], None] | None = None,
+        strip_echo: bool = False,
+        quiet_s: float = 0.2,
+        dump_folder: Path | None = None,
+    ) -> None:
+        self._transport = transport
+        self._framer = framer
+        self._clock = clock
+        self._on_push = on_push
+        self._sync = sync
+        self._on_lost = on_lost
+        self._echo = EchoStripper() if strip_echo else None
+        self._quiet_s = quiet_s
+        self._dump_folder = dump_folder
+        self._lock = threading.Lock()
+        self._reader: threading.Thread | None = None
+        self._ending = threading.Event()
+        self._pending: _Pending | None = None
+        self._lost: str | None = None
+        self._out_of_step = False
+        self._forget_partial = False
+        self._stray_frames = 0
+        self._last_stray_s = clock.now_s()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it was opened; stays so when the link is lost, until ``close``."""
+        return self._reader is not None
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the link was lost since it was opened."""
+        return self._lost is not None
+
+    @property
+    def out_of_step(self) -> bool:
+        """Whether an answer may still come that nobody waits for."""
+        return self._out_of_step
+
+    @property
+    def stray_frames(self) -> int:
+        """Frames that neither a command nor the push handler knew."""
+        return self._stray_frames
+
+    @property
+    def garbage_bytes(self) -> int:
+        """Bytes that belonged to no frame."""
+        return self._framer.garbage_bytes
+
+    @property
+    def address(self) -> str:
+        """Where the link leads."""
+        return self._transport.address
+
+    def open(self) -> None:
+        """Connect and begin to read; safe to repeat, opens anew after a loss.
+
+        Raises:
+            ConnectError: see ``Transport.open``.
+        """
+        if self._reader is not None and self._lost is None:
+            return
+        self.close()
+        self._transport.open()
+        with self._lock:
+            self._lost = None
+            self._out_of_step = False
+            self._forget_partial = True
+            self._ending = threading.Event()
+            self._reader = threading.Thread(
+                target=self._read,
+                args=(self._ending,),
+                name=f"{self._transport.name}-reader",
+                daemon=True,
+            )
+        self._reader.start()
+
+    def close(self) -> None:
+        """Disconnect; a command that waits fails. Safe to repeat."""
+        with self._lock:
+            reader, self._reader = self._reader, None
+        self._ending.set()
+        self._transport.close()
+        if reader is not None and reader is not threading.current_thread():
+            reader.join(_JOIN_S)
+        self.abort(
+            ConnectError("closed while a command waited", device=self._transport.name)
+        )
+
+    def request(
+        self, data: bytes, accept: Accept, *, timeout_s: float
+    ) -> tuple[bytes, ...]:
+        """Send a command and wait for its answer; commands of other threads wait.
+
+        Args:
+            data: the bytes of the command.
+            accept: told every frame until the answer is complete. A ``MvpCellError``
+                that it raises is the end of the command. Runs on the reader's thread.
+            timeout_s: from sending, or from the last sign of life; the wait for
+                another command's end comes before it and takes at most as long.
+
+        Returns:
+            The frames taken as PART and DONE.
+
+        Raises:
+            ConnectError: not open.
+            LinkLost: the link is gone.
+            DeviceTimeout: no complete answer in time; out of step from now on.
+            MvpCellError: whatever ``accept`` or the push handler raised.
+        """
+        with self.dumping():
+            self._require()
+            if self._out_of_step:
+                self._step_in()
+            return self._ask(data, accept, timeout_s=timeout_s)
+
+    def request_until(
+        self, data: bytes, accept: Accept, *, timeout_s: float, patience_s: float
+    ) -> tuple[bytes, ...]:
+        """Ask a harmless question again and again until it is answered.
+
+        For identification: a device may still be booting, or be talked to by the
+        system, when the port opens. Never for anything that moves.
+
+        Raises:
+            ConnectError, LinkLost: as ``request``.
+            DeviceTimeout: no answer in all that time.
+        """
+        end_s = self._clock.now_s() + patience_s
+        while True:
+            try:
+                return self.request(data, accept, timeout_s=timeout_s)
+            except (DeviceTimeout, WireError):
+                if self._clock.now_s() >= end_s:
+                    raise
+
+    def send(self, data: bytes) -> None:
+        """Send bytes that have no answer, at once, past a command that waits.
+
+        Raises:
+            ConnectError: not open.
+            LinkLost: the link is gone.
+            DeviceTimeout: the far end takes no bytes.
+        """
+        self._require()
+        if self._echo is not None:
+            self._echo.sent(data)
+        try:
+            self._transport.write(data)
+        except LinkLost as error:
+            self._lose(error)
+            raise
+
+    def abort(self, error: MvpCellError, *, in_step: bool = True) -> bool:
+        """Fail the command that waits; False when none does. Any thread.
+
+        Args:
+            error: what it raises.
+            in_step: False when its answer may still come.
+        """
+        with self._lock:
+            pending = self._pending
+            if pending is None or pending.ended.is_set():
+                return False
+            pending.error = error
+            self._out_of_step = self._out_of_step or not in_step
+            pending.ended.set()
+            return True
+
+    def fall_out_of_step(self) -> None:
+        """Say that an answer may still come; the next command resynchronises first."""
+        self._out_of_step = True
+
+    def resync(self) -> None:
+        """Wait for quiet and ask the question with the recognisable answer.
+
+        Raises:
+            ConnectError, LinkLost: not open, or gone.
+            DeviceTimeout: no answer; still out of step.
+            WireError: the device does not fall silent, or answers nonsense.
+        """
+        with self.dumping():
+            self._require()
+            self._step_in()
+
+    def drain(self) -> None:
+        """Wait until nothing unexpected comes any more; what comes is still handled.
+
+        Raises:
+            WireError: it never falls silent.
+        """
+        end_s = self._clock.now_s() + _DRAIN_LIMIT_S
+        self._last_stray_s = self._clock.now_s()
+        while (
+            left_s := self._last_stray_s + self._quiet_s - self._clock.now_s()
+        ) > 0 and self._lost is None:
+            if self._clock.now_s() > end_s:
+                raise WireError(
+                    "does not fall silent", device=self._transport.name, hint=_NOISE
+                )
+            self._clock.wait(self._ending, left_s)
+        self._forget_partial = True
+
+    def dumping(self) -> AbstractContextManager[None]:
+        """Write the traffic down when a device error passes, and name the file."""
+        return dumping_faults(self._transport, self._dump_folder)
+
+    def _step_in(self) -> None:
+        """Get back into step."""
+        _LOG.info("%s: out of step, waiting for quiet", self._transport.name)
+        self.drain()
+        if self._sync is not None:
+            self._sync(self._ask)
+        self._out_of_step = False
+
+    def _ask(
+        self, data: bytes, accept: Accept, *, timeout_s: float
+    ) -> tuple[bytes, ...]:
+        pending = self._take_slot(accept, timeout_s)
+        try:
+            self.send(data)
+            self._await(pending)
+        except DeviceTimeout:
+            self._out_of_step = True
+            raise
+        finally:
+            with self._lock:
+                self._pending = None
+            pending.released.set()
+        if pending.error is not None:
+            raise pending.error
+        return tuple(pending.frames)
+
+    def _take_slot(self, accept: Accept, timeout_s: float) -> _Pending:
+        """Become the command that waits, when no other does any more."""
+        end_s = self._clock.now_s() + timeout_s
+        while True:
+            now_s = self._clock.now_s()
+            with self._lock:
+                other = self._pending
+                if other is None:
+                    self._pending = _Pending(accept, timeout_s, now_s + timeout_s)
+                    return self._pending
+            if now_s >= end_s:
+                raise DeviceTimeout(
+                    "busy with another command", device=self._transport.name
+                )
+            self._clock.wait(other.released, end_s - now_s)
+
+    def _await(self, pending: _Pending) -> None:
+        while (left_s := pending.deadline_s - self._clock.now_s()) > 0:
+            if self._clock.wait(pending.ended, left_s):
+                return
+        with self._lock:
+            if pending.ended.is_set():
+                return
+            pending.ended.set()
+        raise DeviceTimeout(
+            f"no answer within {pending.timeout_s:g} s",
+            device=self._transport.name,
+            hint="is it switched on, and is this the right port and speed?",
+        )
+
+    def _require(self) -> None:
+        if self._reader is None:
+            raise ConnectError(
+                "not connected", device=self._transport.name, hint="call open() first"
+            )
+        if self._lost is not None:
+            raise self._lost_error()
+
+    def _lost_error(self) -> LinkLost:
+        return LinkLost(
+            self._lost or "the link is gone",
+            device=self._transport.name,
+            hint="check cable and supply, close and open it, and home it again",
+        )
+
+    def _read(self, ending: threading.Event) -> None:
+        """The reader's thread."""
+        while not ending.is_set():
+            try:
+                data = self._transport.read(timeout_s=_READ_S)
+                self._received(data)
+            except DeviceError as error:
+                if not ending.is_set():
+                    self._lose(error)
+                return
+            except Exception as error:
+                self._lose(
+                    WireError(f"cannot read: {error!r}", device=self._transport.name)
+                )
+                raise
+
+    def _received(self, data: bytes) -> None:
+        if self._forget_partial:
+            self._forget_partial = False
+            self._framer.reset()
+            if self._echo is not None and not self._pending:
+                self._echo.reset()
+        if self._echo is not None:
+            data = self._echo.feed(data)
+        if not data:
+            return
+        garbage = self._framer.garbage_bytes
+        for frame in self._framer.feed(data):
+            self._dispatch(frame)
+        if self._framer.garbage_bytes != garbage:
+            self._last_stray_s = self._clock.now_s()
+
+    def _dispatch(self, frame: bytes) -> None:
+        """Offer a frame to the command that waits, then to the push handler."""
+        with self._lock:
+            pending = self._pending
+        try:
+            if pending is not None and not pending.ended.is_set():
+                if self._offer(pending, frame):
+                    return
+            if not self._on_push(frame):
+                self._stray(frame)
+        except MvpCellError as error:
+            self.abort(error)
+
+    def _offer(self, pending: _Pending, frame: bytes) -> bool:
+        """Whether the command takes the frame."""
+        take = pending.accept(frame)
+        if take is Take.OTHER:
+            return False
+        if take is Take.ALIVE:
+            pending.deadline_s = self._clock.now_s() + pending.timeout_s
+            return True
+        with self._lock:
+            if not pending.ended.is_set():
+                pending.frames.append(frame)
+                if take is Take.DONE:
+                    pending.ended.set()
+        return True
+
+    def _stray(self, frame: bytes) -> None:
+        _LOG.info("%s: nobody waits for %r", self._transport.name, frame)
+        self._stray_frames += 1
+        self._last_stray_s = self._clock.now_s()
+
+    def _lose(self, error: DeviceError) -> None:
+        """Note that the link is gone; tell whoever waits, and the driver, once."""
+        with self._lock:
+            first, self._lost = (
+                self._lost is None,
+                error.message.removeprefix(f"{self._transport.name}: "),
+            )
+        self.abort(self._lost_error())
+        if first:
+            _LOG.warning("%s: %s", self._transport.name, self._lost)
+            if self._on_lost is not None:
+                self._on_lost(error)
+
+
+_NOISE = "check shield, ground and baud; something sends without being asked"
