@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from mvp.imaging.render_visible import Pieces
 
 _TIE_PX = 0.004
+# A pixel whose sides differ by less counts as square.
+_SQUARE = 1.005
 _COARSE = 8
 _PAIRS_PER_CHUNK = 2_000_000
 
@@ -39,7 +41,7 @@ class Spread:
     Attributes:
         level: (n,) row of the tables for each piece.
         tables: what each level does.
-        parts: a pixel's side is cut into this many parts.
+        parts: a pixel's smaller side is cut into this many parts.
         scale: (2,) from pixels to units of the smaller pitch.
     """
 
@@ -100,18 +102,33 @@ def mix_borders(
     total = np.zeros(len(pixels))
     flat = grey.reshape(-1)
     crossed = np.flatnonzero(near.reshape(-1)[pixels])
-    for shift in _part_centres(spread.parts):
+    shifts_px = _part_centres(spread)
+    for shift in shifts_px:
         base = flat[pixels]
-        if spread.parts > 1:
+        if len(shifts_px) > 1:
             shifts = np.broadcast_to(shift, (len(crossed), 2))
             base[crossed] = _base(view, pixels[crossed], shifts, base[crossed])
         total += _mixed(view, pixels, shift, base, _Borders(pieces, spread, pairs))
-    flat[pixels] = total / spread.parts**2
+    flat[pixels] = total / len(shifts_px)
 
 
-def _part_centres(parts: int) -> FloatArray:
-    place = (np.arange(parts) + 0.5) / parts - 0.5
-    return np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
+def _part_centres(spread: Spread) -> FloatArray:
+    """Places (n, 2) within a pixel, px, at which its parts are drawn.
+
+    Every part is drawn as round as one of the smaller pitch. Along the larger pitch the
+    places lie so far apart that the variance of the pixel's area comes out right.
+    """
+    x, y = (_centres_along(float(side), spread.parts) for side in spread.scale)
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def _centres_along(side: float, parts: int) -> FloatArray:
+    """Places along one side of a pixel, which is ``side`` smaller pitches long."""
+    count = max(round(parts * side), 2) if side > _SQUARE else parts
+    if count == 1:
+        return np.zeros(1)
+    gap = np.sqrt((1 - 1 / (parts * side) ** 2) / (count**2 - 1))
+    return np.asarray((np.arange(count) - (count - 1) / 2) * gap)
 
 
 def _mixed(
