@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -15,6 +15,9 @@ from mvp.cell.values import (
     check_corners,
 )
 from mvp.fileedge import FileModel
+
+if TYPE_CHECKING:
+    from mvp.devices import Role
 
 
 class DriverRef(BaseModel):
@@ -42,6 +45,47 @@ class WorldRef(BaseModel):
     def options(self) -> dict[str, object]:
         """The world's own keys."""
         return dict(self.model_extra or {})
+
+
+class SimulatorRef(BaseModel):
+    """A simulated far end; further keys are the simulator's own."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
+
+    kind: str = Field(min_length=1)
+
+    @property
+    def options(self) -> dict[str, object]:
+        """The simulator's own keys."""
+        return dict(self.model_extra or {})
+
+
+class Simulators(FileModel):
+    """Far ends of the wires, started with the cell; a device needs its real driver."""
+
+    arm: SimulatorRef | None = None
+    lens: SimulatorRef | None = None
+    camera: SimulatorRef | None = None
+
+    @property
+    def by_role(self) -> dict[Role, SimulatorRef]:
+        """Those that there are."""
+        found: dict[Role, SimulatorRef | None] = {
+            "arm": self.arm,
+            "lens": self.lens,
+            "camera": self.camera,
+        }
+        return {role: one for role, one in found.items() if one is not None}
+
+
+class MotionConfig(FileModel):
+    """How carefully a run begins."""
+
+    start_speed_fraction: Annotated[float, Field(gt=0, le=1)] = Field(
+        default=0.25,
+        description="of full speed, until the first view is reached; virtual cells "
+        "move at full speed",
+    )
 
 
 class ToolBody(FileModel):
@@ -164,6 +208,7 @@ class CellConfig(FileModel):
     uncertainty: UncertaintyConfig = Field(default_factory=UncertaintyConfig)
     workspace: BoxConfig
     settle: SettleConfig = Field(default_factory=SettleConfig)
+    motion: MotionConfig = Field(default_factory=MotionConfig)
     light: LightConfig | None = Field(
         default=None,
         description="left out: nothing is known of the light, contrast is not predicted",
@@ -171,6 +216,7 @@ class CellConfig(FileModel):
     fixtures: list[FixtureConfig] = Field(default_factory=list)
     keep_outs: list[KeepOut] = Field(default_factory=list)
     world: WorldRef | None = None
+    simulators: Simulators = Field(default_factory=Simulators)
 
     @model_validator(mode="after")
     def _names_and_world(self) -> Self:
@@ -182,4 +228,19 @@ class CellConfig(FileModel):
             raise ValueError(
                 "[world] is the truth of a simulated cell, but simulated is false"
             )
+        self._check_simulators()
         return self
+
+    def _check_simulators(self) -> None:
+        stood_for = self.simulators.by_role
+        if stood_for and (self.world is None or not self.simulated):
+            raise ValueError(
+                "[simulators] need simulated = true and a [world] that they move in"
+            )
+        if stood_for and len(stood_for) < 3:
+            raise ValueError(
+                "[simulators] stand for arm, lens and camera, or for none of them; here "
+                f"only for {', '.join(stood_for)}"
+            )
+        if stood_for and self.world is not None and self.world.clock_speed != 1.0:
+            raise ValueError("real drivers need a world with clock_speed = 1.0")

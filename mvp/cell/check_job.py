@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
-from mvp.cell.hardware import check_serials, close_all, try_open
+from mvp.cell.hardware import check_serials, close_all, info_of, try_open
 from mvp.cell.plan_job import prepare
-from mvp.cell.session import build_for
+from mvp.cell.session import devices_for
 from mvp.errors import MvpCellError
 from mvp.fileedge import FileModel
 
@@ -52,20 +52,28 @@ def check_cell(cell: LoadedCell, task: LoadedTask) -> CheckDocument:
         CheckItem(name=f"calibration {name}", passed=True, detail=_verdict(cell, name))
         for name in cell.calibrations.sha256
     ]
-    devices = build_for(setting)
+    with devices_for(setting) as devices:
+        items += _check_devices(cell, devices)
+    passed = all(item.passed for item in items)
+    return CheckDocument(cell=cell.config.name, passed=passed, items=items)
+
+
+def _check_devices(cell: LoadedCell, devices: CellDevices) -> list[CheckItem]:
+    """Reach all at once; every failure is an item."""
     roles: dict[str, Device] = {
         "arm": devices.arm,
         "lens": devices.lens,
         "camera": devices.camera,
     }
+    items = []
     try:
         failures = try_open(roles)
         infos = {}
-        for role, device in roles.items():
+        for role in roles:
             if role in failures:
                 items.append(_failure(role, failures[role]))
                 continue
-            infos[role] = device.info()
+            infos[role] = info_of(devices, role)
             items.append(_answered(role, infos[role]))
             state = partial(_STATES[role], devices)
             items.append(_attempt(f"{role} state", state))
@@ -73,9 +81,7 @@ def check_cell(cell: LoadedCell, task: LoadedTask) -> CheckDocument:
             items.append(_attempt("calibrated devices", lambda: _serials(cell, infos)))
     finally:
         unclosed = close_all(roles)
-    items += [_failure(role, error) for role, error in unclosed.items()]
-    passed = all(item.passed for item in items)
-    return CheckDocument(cell=cell.config.name, passed=passed, items=items)
+    return items + [_failure(role, error) for role, error in unclosed.items()]
 
 
 def _verdict(cell: LoadedCell, name: str) -> str:

@@ -68,12 +68,17 @@ class Verifier(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class CellDevices:
-    """The three devices and their clock."""
+    """The three devices and their clock.
+
+    Attributes:
+        simulated_roles: devices whose far end is a simulator of this cell.
+    """
 
     arm: Arm
     lens: Lens
     camera: Camera
     clock: Clock
+    simulated_roles: frozenset[str] = frozenset()
 
     def stop(self) -> list[Exception]:
         """Stop all three, from any thread; every path is tried. Returns what failed."""
@@ -93,6 +98,7 @@ class CellEngine:
     Args:
         devices: opened devices.
         settle_s: waits after arm and after lens.
+        start_speed: share of full speed on the way to the first view.
         preflight: everything that must hold before the first motion.
         route: clear waypoints (k, dof) from where the arm stands to a view.
     """
@@ -102,6 +108,7 @@ class CellEngine:
         devices: CellDevices,
         *,
         settle_s: tuple[float, float],
+        start_speed: float = 1.0,
         preflight: Callable[[], None],
         route: Callable[[Sequence[float], PlannedView], Iterable[Sequence[float]]],
         exposure: ExposureRule,
@@ -110,6 +117,7 @@ class CellEngine:
     ) -> None:
         self._devices = devices
         self._settle_s = settle_s
+        self._speed = start_speed
         self._preflight = preflight
         self._route = route
         self._exposure = exposure
@@ -135,7 +143,9 @@ class CellEngine:
         arm = self._devices.arm
         state = arm.state()
         for target in self._route(state.joints, view):
-            expected_s = arm.duration_s(state.joints, target)
+            expected_s = arm.duration_s(
+                state.joints, target, speed_fraction=self._speed
+            )
             timeout_s = 2 * expected_s + _ARM_SPARE_S
             self._motion = f"the arm on its way to {view.id}, for {timeout_s:.0f} s"
             _LOG.info(
@@ -147,8 +157,11 @@ class CellEngine:
             )
             if self._stopped.is_set():
                 raise MotionStopped("stopped before it moved", device=arm.name)
-            state = arm.move_joints(target, timeout_s=timeout_s)
+            state = arm.move_joints(
+                target, speed_fraction=self._speed, timeout_s=timeout_s
+            )
         self._check_arm(view, state)
+        self._speed = 1.0
         _LOG.info(
             "%s: stands at %s, reached %s", arm.name, view.id, _rounded(state.joints)
         )

@@ -5,15 +5,15 @@ from __future__ import annotations
 import logging
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar, cast
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
-from pydantic import ValidationError
 
 from mvp.cell.engine import CellDevices
 from mvp.cell.interrupts import uninterrupted
-from mvp.cell.toml_file import config_error
+from mvp.cell.own_keys import naming_place, own_keys
+from mvp.cell.world_building import build_world, simulator_config, world_config
 from mvp.devices import (
     Arm,
     Camera,
@@ -23,22 +23,21 @@ from mvp.devices import (
     Lens,
     RealClock,
     ScaledClock,
-    WorldBelief,
     load_driver,
-    load_world,
 )
-from mvp.errors import CalibrationError, ConnectError, DeviceError, PluginError
-from mvp.fileedge import FileModel
+from mvp.errors import CalibrationError, ConnectError, DeviceError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from mvp.cell.loading import LoadedCell
+    from mvp.cell.world_building import WorldBodies
     from mvp.devices import Device, Role
-    from mvp.geometry import TriangleMesh
+    from mvp.fileedge import FileModel
+
+    Announced: TypeAlias = Mapping[Role, Mapping[str, object]]
 
 _LOG = logging.getLogger(__name__)
-_Model = TypeVar("_Model", bound=FileModel)
 _CALIBRATED_ON = {
     "camera": "camera",
     "lens_table": "lens",
@@ -47,20 +46,15 @@ _CALIBRATED_ON = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class WorldBodies:
-    """What a simulated world is filled with: part (part frame), fixtures (base)."""
-
-    part: TriangleMesh
-    fixtures: tuple[TriangleMesh, ...]
-
-
-def build_devices(cell: LoadedCell, bodies: WorldBodies | None) -> CellDevices:
+def build_devices(
+    cell: LoadedCell, bodies: WorldBodies | None, announced: Announced
+) -> CellDevices:
     """Every device of a cell, not yet opened; no I/O.
 
     Args:
         cell: the configuration.
         bodies: needed when the cell has a world.
+        announced: where the simulators of the cell listen, by role.
 
     Raises:
         ConfigError: a key that the driver refuses, with file and line.
@@ -71,13 +65,14 @@ def build_devices(cell: LoadedCell, bodies: WorldBodies | None) -> CellDevices:
         clock=clock,
         rng=np.random.default_rng(0),
         folder=cell.folder,
-        world=_world(cell, bodies, clock),
+        world=None if announced else build_world(cell, bodies, clock),
     )
     return CellDevices(
-        cast("Arm", _device(cell, "arm", context)),
-        cast("Lens", _device(cell, "lens", context)),
-        cast("Camera", _device(cell, "camera", context)),
+        cast("Arm", _device(cell, "arm", context, announced)),
+        cast("Lens", _device(cell, "lens", context, announced)),
+        cast("Camera", _device(cell, "camera", context, announced)),
         clock,
+        simulated_roles=frozenset(announced),
     )
 
 
@@ -89,9 +84,11 @@ def check_driver_configs(cell: LoadedCell) -> None:
     """
     roles: tuple[Role, ...] = ("arm", "lens", "camera")
     for role in roles:
-        _driver_config(cell, role)
+        _driver_config(cell, role, None)
+    for role, simulator in cell.config.simulators.by_role.items():
+        simulator_config(cell, role, simulator)
     if cell.config.world is not None:
-        _world_config(cell)
+        world_config(cell)
 
 
 def _clock(cell: LoadedCell) -> Clock:
@@ -101,74 +98,36 @@ def _clock(cell: LoadedCell) -> Clock:
     return ScaledClock(world.clock_speed)
 
 
-def _device(cell: LoadedCell, role: Role, context: DeviceContext) -> Device:
-    config = _driver_config(cell, role)
+def _device(
+    cell: LoadedCell, role: Role, context: DeviceContext, announced: Announced
+) -> Device:
+    config = _driver_config(cell, role, announced)
     driver = load_driver(getattr(cell.config, role).driver, role)
     return driver.from_config(config, context, name=role)
 
 
-def _driver_config(cell: LoadedCell, role: Role) -> FileModel:
+def _driver_config(
+    cell: LoadedCell, role: Role, announced: Announced | None
+) -> FileModel:
+    """The driver's own keys, with those that a simulator announced.
+
+    Where ``announced`` is None the simulators have not been started yet, and keys that
+    only they know may still be missing.
+    """
     reference = getattr(cell.config, role)
-    try:
+    with naming_place(cell, (role, "driver")):
         driver = load_driver(reference.driver, role)
-    except PluginError as error:
-        where = cell.source.where((role, "driver"))
-        raise PluginError(
-            f"{where}: {role}.driver: {error.message}", hint=error.hint, where=where
-        ) from error
-    return _options(cell, role, reference.options, driver.Config)
-
-
-def _options(
-    cell: LoadedCell, table: str, options: dict[str, object], model: type[_Model]
-) -> _Model:
-    try:
-        return model.model_validate(options)
-    except ValidationError as error:
-        raise config_error(cell.source, model, error, (table,)) from error
-
-
-def _world_config(cell: LoadedCell) -> FileModel:
-    world = cell.config.world
-    if world is None:
-        raise ValueError("this cell has no world")
-    try:
-        kind = load_world(world.kind)
-    except PluginError as error:
-        where = cell.source.where(("world", "kind"))
-        raise PluginError(
-            f"{where}: world.kind: {error.message}", hint=error.hint, where=where
-        ) from error
-    return _options(cell, "world", world.options, kind.Config)
-
-
-def _world(cell: LoadedCell, bodies: WorldBodies | None, clock: Clock) -> object | None:
-    world = cell.config.world
-    if world is None:
-        return None
-    if bodies is None:
-        raise ValueError("a cell with a world needs the bodies to put into it")
-    config = _world_config(cell)
-    belief = _belief(cell, bodies)
-    return load_world(world.kind).from_config(config, belief, clock=clock)
-
-
-def _belief(cell: LoadedCell, bodies: WorldBodies) -> WorldBelief:
-    found, light = cell.calibrations, cell.config.light
-    reference = found.hand_eye.reference_d_mm
-    return WorldBelief(
-        part=bodies.part,
-        fixtures=bodies.fixtures,
-        arm_model=cell.config.kinematics.model,
-        start_joints=tuple(float(j) for j in cell.home_joints),
-        camera=found.camera,
-        lens_table=found.lens_table,
-        tool_from_camera=found.tool_from_camera,
-        reference_d_mm=reference if reference is not None else 0.0,
-        base_from_part=found.base_from_part,
-        mounted_tube_mm=cell.config.optics.mounted_tube_mm,
-        light=light.belief if light is not None else None,
-    )
+    given = dict(reference.options)
+    for key, value in (announced or {}).get(role, {}).items():
+        if key in given:
+            raise cell.source.error(
+                (role, key),
+                f"the simulator of the {role} says itself what {key} is",
+                hint=f"leave {key} out of [{role}], or leave out [simulators.{role}]",
+            )
+        given[key] = value
+    awaited = announced is None and role in cell.config.simulators.by_role
+    return own_keys(cell, (role,), given, driver.Config, may_miss=awaited)
 
 
 @contextmanager
@@ -187,13 +146,20 @@ def opened(devices: CellDevices) -> Iterator[dict[str, DeviceInfo]]:
         failures = try_open(everyone)
         if failures:
             raise _connect_error(failures)
-        yield {role: device.info() for role, device in everyone.items()}
+        yield {role: info_of(devices, role) for role in everyone}
     except BaseException:
         # What went wrong first is what to tell; the log has the rest.
         close_all(everyone)
         raise
     for failure in close_all(everyone).values():
         raise failure
+
+
+def info_of(devices: CellDevices, role: str) -> DeviceInfo:
+    """Who answered; a real driver cannot know that the far end is simulated."""
+    info: DeviceInfo = getattr(devices, role).info()
+    simulated = info.simulated or role in devices.simulated_roles
+    return replace(info, simulated=simulated)
 
 
 def try_open(devices: Mapping[str, Device]) -> dict[str, Exception]:

@@ -12,7 +12,7 @@ from mvp.cell.hardware import opened
 from mvp.cell.lock import cell_lock
 from mvp.cell.plan_job import Setting, prepare
 from mvp.cell.run_job import lock_of
-from mvp.cell.session import Motion, build_for
+from mvp.cell.session import Motion, devices_for
 from mvp.errors import InfeasibleError, StoppedByOperator
 from mvp.fileedge import FileModel
 from mvp.kinematics import NoPath, find_path
@@ -50,11 +50,11 @@ def home_cell(
         StoppedByOperator: a person did not allow it.
     """
     setting = prepare(cell, task)
-    devices = build_for(setting)
     with ExitStack() as stack:
         if not cell.config.simulated:
             lock = lock_of(setting, cell.folder)
             stack.enter_context(cell_lock(lock, run_id="home"))
+        devices = stack.enter_context(devices_for(setting))
         infos = stack.enter_context(opened(devices))
         path = _path_home(setting, devices)
         if not allow(Motion(cell.config.name, 1, infos)):

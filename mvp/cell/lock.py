@@ -58,6 +58,16 @@ def lock_file(cell_file: Path, out: Path, *, simulated: bool) -> Path:
     return _private_folder() / name
 
 
+def private_file(cell_file: Path, suffix: str) -> Path:
+    """A file about a cell in the user's private folder for temporary files.
+
+    Raises:
+        OutputError: that folder is not the user's own.
+    """
+    name = hashlib.sha256(os.fsencode(cell_file.resolve())).hexdigest()[:16]
+    return _private_folder() / f".{name}{suffix}"
+
+
 def _private_folder() -> Path:
     """For the locks of cells whose own folder cannot take one."""
     user = os.getuid() if sys.platform != "win32" else os.getlogin()

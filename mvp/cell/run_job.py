@@ -27,9 +27,9 @@ from mvp.cell.session import (
     RunResult,
     Session,
     Watcher,
-    build_for,
     check_before,
     device_records,
+    devices_for,
     write_document,
 )
 from mvp.errors import InfeasibleError
@@ -103,8 +103,7 @@ def dry_run(setting: Setting, plan: Plan) -> RunDocument:
         DeviceError, CalibrationError, InfeasibleError: what would end the run.
     """
     started = utc_now()
-    devices = build_for(setting)
-    with opened(devices) as infos:
+    with devices_for(setting) as devices, opened(devices) as infos:
         check_before(setting, devices, infos, plan.views, Routes(setting.arm))
     views = [
         ViewDocument(id=v.id, features=v.features, status="checked") for v in plan.views

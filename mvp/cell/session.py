@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import logging
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from mvp.cell.beside import run_beside
 from mvp.cell.engine import CellEngine
-from mvp.cell.hardware import WorldBodies, build_devices, check_serials, opened
+from mvp.cell.hardware import build_devices, check_serials, opened
 from mvp.cell.interrupts import uninterrupted
 from mvp.cell.logs import log_devices, log_to
 from mvp.cell.preflight import Routes, check_limits
 from mvp.cell.records import DeviceRecord
 from mvp.cell.run_document import RunDocument, run_document
 from mvp.cell.runner import Runner, RunOutcome
+from mvp.cell.simulation import simulation_of
 from mvp.cell.verification import Expectations, PictureVerifier, TaskExposure
+from mvp.cell.world_building import WorldBodies
 from mvp.errors import OutputError, StoppedByOperator
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from contextlib import ExitStack
 
     from mvp.cell.engine import CellDevices
@@ -90,12 +93,18 @@ class RunResult:
     log_error: OutputError | None = None
 
 
-def build_for(setting: Setting) -> CellDevices:
-    """The devices of a cell, with the task's part in a simulated world."""
+@contextmanager
+def devices_for(setting: Setting) -> Iterator[CellDevices]:
+    """The devices of a cell, not yet opened, with the task's part in its world.
+
+    Raises:
+        ConfigError, PluginError: a key or a driver that cannot be used.
+        ConnectError: the simulators of the cell do not start.
+    """
     scene = setting.scene
-    return build_devices(
-        setting.cell, WorldBodies(scene.scene.part, scene.fixtures_base)
-    )
+    bodies = WorldBodies(scene.scene.part, scene.fixtures_base)
+    with simulation_of(setting.cell, setting.task) as announced:
+        yield build_devices(setting.cell, bodies, announced)
 
 
 def check_before(
@@ -130,7 +139,7 @@ class Session:
         watcher: Watcher,
     ) -> Session:
         """Open the devices, check everything, ask the person."""
-        devices = build_for(setting)
+        devices = stack.enter_context(devices_for(setting))
         infos = stack.enter_context(opened(devices))
         routes = Routes(setting.arm)
         check_before(setting, devices, infos, views, routes)
@@ -199,6 +208,12 @@ class Session:
         )
         log_devices(self.infos.values())
 
+    def _start_speed(self) -> float:
+        """Share of full speed on the way to the first view."""
+        config = self.setting.cell.config
+        virtual = config.world is not None and not self.devices.simulated_roles
+        return 1.0 if virtual else config.motion.start_speed_fraction
+
     def _engine(self, folder: RunFolder, views: Sequence[PlannedView]) -> CellEngine:
         settle = self.setting.cell.config.settle
         exposure = self.setting.task.config.exposure
@@ -206,6 +221,7 @@ class Session:
         return CellEngine(
             self.devices,
             settle_s=(settle.arm_s, settle.lens_s),
+            start_speed=self._start_speed(),
             preflight=lambda: check_before(
                 self.setting, self.devices, self.infos, views, self.routes
             ),

@@ -1,4 +1,4 @@
-"""Drivers and worlds by key, found through entry points and loaded one by one.
+"""Drivers, worlds and simulators by key, found through entry points and loaded one by one.
 
 A driver is a class with ``role``, ``Config`` and ``from_config``; a distribution
 announces it in the entry-point group ``mvp_cell.drivers``. Loading is lazy: a driver
@@ -20,11 +20,13 @@ from mvp.errors import MvpCellError, PluginError
 if TYPE_CHECKING:
     from mvp.devices.context import DeviceContext
     from mvp.devices.protocols import Device, Role
+    from mvp.devices.simulator import SimulatorClass
     from mvp.devices.world import WorldClass
     from mvp.fileedge import FileModel
 
 DRIVERS = "mvp_cell.drivers"
 WORLDS = "mvp_cell.worlds"
+SIMULATORS = "mvp_cell.simulators"
 _OURS = "mvp-cell"
 _PACKAGE = "drivers"
 
@@ -100,6 +102,18 @@ def load_world(kind: str) -> WorldClass:
     if not hasattr(world, "Config") or not hasattr(world, "from_config"):
         raise PluginError(f"world {kind!r} has no Config or no from_config")
     return cast("WorldClass", world)
+
+
+def load_simulator(kind: str) -> SimulatorClass:
+    """The simulator class called ``kind``.
+
+    Raises:
+        PluginError: unknown, foreign or broken.
+    """
+    simulator = _load(_find(SIMULATORS, kind, "simulator"))
+    if not hasattr(simulator, "Config") or not hasattr(simulator, "from_config"):
+        raise PluginError(f"simulator {kind!r} has no Config or no from_config")
+    return cast("SimulatorClass", simulator)
 
 
 def _entries(group: str) -> list[EntryPoint]:
