@@ -1,0 +1,32 @@
+"""GenICam behind one small protocol, spoken by two libraries."""
+
+from drivers._genicam.backend import (
+    Backend,
+    BackendLost,
+    BackendRefused,
+    Delivery,
+    FoundBy,
+    Health,
+    Identity,
+    StreamSettings,
+    Value,
+)
+from drivers._genicam.choose import BACKENDS, backend_for, installed_backends
+from drivers._genicam.session import Session, SessionSettings
+
+__all__ = [
+    "BACKENDS",
+    "Backend",
+    "BackendLost",
+    "BackendRefused",
+    "Delivery",
+    "FoundBy",
+    "Health",
+    "Identity",
+    "Session",
+    "SessionSettings",
+    "StreamSettings",
+    "Value",
+    "backend_for",
+    "installed_backends",
+]
