@@ -23,10 +23,12 @@ _CHUNK = 10_000
 _ENOUGH = 2_000
 _FEW = 200
 _MEASURED = 1_000
-_AIM_SPREAD = 0.05
+_MEASURED_PER_START = 10
 _NEAREST_RADII = 1.3
 _DISTINCT = 0.15
 _INWARD_MM = (0.5, 100.0)
+# Powers of 1/g with g^4 = g + 1, the generalised golden ratio of three dimensions.
+_EVEN_STEPS = 1.2207440846057596 ** -np.arange(1.0, 4.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,42 +48,58 @@ class Screened:
 def screen(
     problem: PlanningProblem, table: RowTable, rng: np.random.Generator
 ) -> Screened:
-    """Draw candidates, keep those inside the visibility region, sort by worst index."""
-    kept: list[Views] = []
+    """Draw candidates, keep those inside the visibility region, sort by worst index.
+
+    Where hardly any of them is inside, which says nothing after a short look, views
+    just inside the region's walls join them.
+    """
+    kept: list[FloatArray] = []
     count = tried = 0
     while tried < problem.candidates and count < _ENOUGH:
         size = min(_CHUNK, problem.candidates - tried)
-        views = aimed(problem, orbit_positions(problem, size, rng), rng)
-        kept.append(views[inside(problem, views.position_mm)])
+        positions = orbit_positions(problem, size, rng)
+        kept.append(positions[inside(problem, positions)])
         count += len(kept[-1])
         tried += size
+    views = aimed(problem, np.concatenate([np.zeros((0, 3)), *kept]), rng)
     if count < _FEW:
-        kept.append(from_boundary(problem, rng))
-    return ranked(problem, table, concatenated(kept)[: 2 * _ENOUGH], tried)
+        views = concatenated([views, from_boundary(problem, rng)])
+    return ranked(problem, table, views[: 2 * _ENOUGH], tried)
+
+
+def glance(
+    problem: PlanningProblem, table: RowTable, rng: np.random.Generator
+) -> Screened:
+    """``screen`` for few candidates, measured just as far as the starts need it."""
+    positions = orbit_positions(problem, problem.candidates, rng)
+    views = aimed(problem, positions[inside(problem, positions)], rng)
+    measured = _MEASURED_PER_START * max(problem.starts, 1)
+    return ranked(problem, table, views, problem.candidates, measured=measured)
 
 
 def ranked(
-    problem: PlanningProblem, table: RowTable, views: Views, tried: int
+    problem: PlanningProblem,
+    table: RowTable,
+    views: Views,
+    tried: int,
+    *,
+    measured: int = _MEASURED,
 ) -> Screened:
-    """Views that pass the further filter, by their worst index, descending."""
+    """Views that pass the further filter, by their worst index, descending.
+
+    Distances cost most and only lower an index: beyond ``measured`` views, only the
+    best by everything else are kept.
+    """
     views = views[problem.accepted(views)] if len(views) else views
     if not len(views):
         return Screened(views, np.zeros(0), tried)
-    views = views[_promising(table, views)]
-    worst = table.worst(table.index(views))
+    optical = table.curved_index(views)
+    if len(views) > measured and optical.shape[1]:
+        order = np.argsort(-optical.min(axis=1), kind="stable")[:measured]
+        views, optical = views[order], optical[order]
+    worst = table.worst(table.completed(views, optical))
     order = np.argsort(-worst, kind="stable")
     return Screened(views[order], worst[order], tried)
-
-
-def _promising(table: RowTable, views: Views) -> IntArray:
-    """The best by everything but distances, which cost most and only lower an index."""
-    if len(views) <= _MEASURED:
-        return np.arange(len(views))
-    optical = table.evaluate(views, curved_only=True).index
-    if not optical.shape[1]:
-        return np.arange(len(views))
-    order = np.argsort(-optical.min(axis=1), kind="stable")
-    return np.asarray(order[:_MEASURED], dtype=np.int64)
 
 
 def inside(problem: PlanningProblem, points: FloatArray) -> BoolArray:
@@ -104,13 +122,23 @@ def in_region(constraint: Visibility, points: FloatArray) -> BoolArray:
 def orbit_positions(
     problem: PlanningProblem, count: int, rng: np.random.Generator
 ) -> FloatArray:
-    """Uniform directions about the target, log-uniform distances, (count, 3) mm."""
-    direction = rng.normal(size=(count, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    """Uniform directions about the target, log-uniform distances, (count, 3) mm.
+
+    Evenly spread in all three together (a shifted Kronecker sequence): no gaps and no
+    crowds, so that the best of a few hundred is as good as the best of twice as many
+    independent draws.
+    """
+    spread = (rng.uniform(size=3) + np.arange(count)[:, None] * _EVEN_STEPS) % 1.0
     low = max(_NEAREST_RADII * problem.target_radius_mm, 2 * problem.lens.f_mm[0])
     high = max(problem.farthest_mm, 2 * low)
-    distance = np.exp(rng.uniform(np.log(low), np.log(high), count))
-    return np.asarray(problem.target_centre_mm + direction * distance[:, None])
+    distance = low * (high / low) ** spread[:, 2]
+    height = 1 - 2 * spread[:, 0]
+    across = distance * np.sqrt(1 - height**2)
+    angle = 2 * np.pi * spread[:, 1]
+    offset = np.stack(
+        [across * np.cos(angle), across * np.sin(angle), distance * height], axis=1
+    )
+    return np.asarray(problem.target_centre_mm + offset)
 
 
 def from_boundary(problem: PlanningProblem, rng: np.random.Generator) -> Views:
@@ -167,9 +195,6 @@ def aimed(
         roll = np.zeros((count, 3))
         roll[:, 2] = rng.uniform(-np.pi, np.pi, count)
         rotation = rotation @ Rotation.from_rotvec(roll).as_matrix()
-    tilt = np.zeros((count, 3))
-    tilt[:, :2] = rng.normal(scale=_AIM_SPREAD, size=(count, 2))
-    rotation = rotation @ Rotation.from_rotvec(tilt).as_matrix()
     lens = problem.lens
     views = Views(
         rotation,

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.constraints import Visibility
-from mvp.constraints.base import SHIFT
+from mvp.constraints.base import N_COORDINATES, SHIFT
 from mvp.constraints.sigma import margin_deviation
+from mvp.optics.views import concatenated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -136,12 +137,28 @@ class RowTable:
         """Rows of one requirement, (R,)."""
         return np.array([k == kind for k in self.kinds])
 
-    def evaluate(self, views: Views, *, curved_only: bool = False) -> Evaluated:
+    @cached_property
+    def _optical(self) -> RowTable:
+        """The rows whose scale moves with the view, as a table of their own."""
+        return self._of([c for c in self.constraints if c.kind not in _CONSTANT_SCALE])
+
+    @cached_property
+    def _distances(self) -> RowTable:
+        """The other rows, as a table of their own."""
+        return self._of([c for c in self.constraints if c.kind in _CONSTANT_SCALE])
+
+    @cached_property
+    def _single(self) -> tuple[RowTable, ...]:
+        """One table per constraint."""
+        return tuple(self._of([c]) for c in self.constraints)
+
+    def _of(self, constraints: list[Constraint]) -> RowTable:
+        return replace(self, constraints=tuple(constraints))
+
+    def evaluate(self, views: Views) -> Evaluated:
         """Margins, gradients and scales of N views."""
         values, gradients = [], []
         for constraint in self.constraints:
-            if curved_only and constraint.kind in _CONSTANT_SCALE:
-                continue
             rows = constraint.rows(views, gradient=True)
             if rows.gradient is None:
                 raise ValueError(f"{constraint.kind} rows came without a gradient")
@@ -149,15 +166,13 @@ class RowTable:
             gradients.append(rows.gradient)
         if not values:
             empty = np.zeros((len(views), 0))
-            return Evaluated(empty, empty[:, :, None], empty)
+            return Evaluated(empty, np.zeros((*empty.shape, N_COORDINATES)), empty)
         value = np.concatenate(values, axis=1)
         gradient = np.concatenate(gradients, axis=1)
-        hard = self.hard[self.curved] if curved_only else self.hard
         scale = margin_deviation(gradient, self.sigma)
-        scale[:, hard] = 1.0
+        scale[:, self.hard] = 1.0
         for kind, fixed in self.fixed_scales.items():
-            mask = self.mask(kind)
-            scale[:, mask[self.curved] if curved_only else mask] = fixed
+            scale[:, self.mask(kind)] = fixed
         return Evaluated(value, gradient, scale)
 
     def index(self, views: Views) -> FloatArray:
@@ -166,26 +181,33 @@ class RowTable:
         Much cheaper than ``evaluate`` and the same in every minimum: one distance to
         the boundary instead of one per facet.
         """
-        curved = self.evaluate(views, curved_only=True).index
+        return self.completed(views, self.curved_index(views))
+
+    def curved_index(self, views: Views) -> FloatArray:
+        """Indices of the rows that are no distance, (N, R_curved)."""
+        return self._optical.evaluate(views).index
+
+    def completed(self, views: Views, curved: FloatArray) -> FloatArray:
+        """``index``, with those of the curved rows (N, R_curved) known."""
         index = np.empty((len(views), len(self.kinds)))
         index[:, self.curved] = curved
         start = 0
-        for constraint in self.constraints:
-            part = slice(start, start + len(constraint.labels))
+        for alone in self._single:
+            part = slice(start, start + len(alone.kinds))
             start = part.stop
-            if constraint.kind in _CONSTANT_SCALE:
-                index[:, part] = self._plain_index(constraint, views)
+            if alone.constraints[0].kind in _CONSTANT_SCALE:
+                index[:, part] = alone.plain_index(views)
         return index
 
-    def _plain_index(self, constraint: Constraint, views: Views) -> FloatArray:
-        """Indices of rows whose scale does not move, (N, rows) or (N, 1)."""
+    def plain_index(self, views: Views) -> FloatArray:
+        """Indices of one distance constraint's rows, (N, rows) or (N, 1)."""
+        constraint = self.constraints[0]
         if isinstance(constraint, Visibility):
             fixed = self.fixed_scales.get(constraint.kind)
             scale = fixed or float(self.sigma[SHIFT].max())
             ratio = constraint.margin(views)[:, None] / scale
             return np.asarray(np.clip(ratio, -_INDEX_LIMIT, _INDEX_LIMIT))
-        alone = replace(self, constraints=(constraint,))
-        return np.asarray(alone.evaluate(views).index)
+        return self.evaluate(views).index
 
     def worst(self, index: FloatArray) -> FloatArray:
         """Smallest index (N,) over the rows that have one; -inf if a hard row fails."""
@@ -194,29 +216,38 @@ class RowTable:
         return np.asarray(np.where(failed, np.minimum(soft, -_INDEX_LIMIT), soft))
 
     def linearise(self, views: Views, chart: Chart) -> Linearised:
-        """Indices and their slopes; 2 n displaced views give the scale's slope."""
-        here = self.evaluate(views)
+        """Indices and their slopes; 2 n displaced views give the scale's slope.
+
+        They are evaluated together with the views themselves: for a few views a second
+        call costs more than more views in the first.
+        """
+        count, rows = len(views), len(self._optical.kinds)
+        step = _DIFFERENCE * chart.shape
+        offsets = np.concatenate([np.diag(step), -np.diag(step)])
+        around = chart.retract(
+            views.repeated(len(offsets)), np.repeat(offsets, count, axis=0), clip=False
+        )
+        curved = self._optical.evaluate(concatenated([views, around]))
+        here = self._with_distances(views, curved)
         jacobian = chart.jacobian(views)
         scale = np.maximum(here.scale, _SCALE_FLOOR)
         slope = np.einsum("nrk,nkj->nrj", here.gradient, jacobian) / scale[..., None]
-        curved = self.curved & ~self.hard
-        if curved.any():
-            change = self._scale_slope(views, chart)
-            relative = change / scale[:, self.curved, None]
-            slope[:, self.curved] -= here.index[:, self.curved, None] * relative
+        plus, minus = curved.scale[count:].reshape(2, chart.n, count, rows)
+        change = np.moveaxis((plus - minus) / (2 * step[:, None, None]), 0, 2)
+        relative = change / scale[:, self.curved, None]
+        slope[:, self.curved] -= here.index[:, self.curved, None] * relative
         np.clip(slope, -_INDEX_LIMIT, _INDEX_LIMIT, out=slope)
         shift_slope = here.gradient[:, :, SHIFT] / scale[..., None]
         return Linearised(here.index, slope, jacobian, shift_slope)
 
-    def _scale_slope(self, views: Views, chart: Chart) -> FloatArray:
-        """Derivative of the curved rows' scale by y, (N, R_curved, n)."""
-        step = _DIFFERENCE * chart.shape
-        count = len(views)
-        offsets = np.concatenate([np.diag(step), -np.diag(step)])
-        repeated = views.repeated(len(offsets))
-        y = np.repeat(offsets, count, axis=0)
-        displaced = chart.retract(repeated, y, clip=False)
-        scales = self.evaluate(displaced, curved_only=True).scale
-        plus, minus = scales.reshape(2, chart.n, count, -1)
-        slope = (plus - minus) / (2 * step[:, None, None])
-        return np.asarray(np.moveaxis(slope, 0, 2))
+    def _with_distances(self, views: Views, curved: Evaluated) -> Evaluated:
+        """All rows of N views whose curved ones are the first N of ``curved``."""
+        shape = (len(views), len(self.kinds))
+        distances = self._distances.evaluate(views)
+        value, scale = np.empty(shape), np.empty(shape)
+        gradient = np.empty((*shape, N_COORDINATES))
+        for mask, part in ((self.curved, curved), (~self.curved, distances)):
+            value[:, mask] = part.value[: len(views)]
+            scale[:, mask] = part.scale[: len(views)]
+            gradient[:, mask] = part.gradient[: len(views)]
+        return Evaluated(value, gradient, scale)

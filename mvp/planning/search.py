@@ -203,6 +203,8 @@ def _advance(
     trial, index = pool.tried(which, y)
     gain = merit.value(index) - pool.value[which]
     short = np.flatnonzero(gain < _SHORT * predicted)
+    if (pool.value[which] + gain >= pool.limits.enough).any():
+        short = short[:0]
     if len(short):
         again = np.stack(
             [

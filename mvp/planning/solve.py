@@ -9,7 +9,7 @@ import numpy as np
 
 from mvp.constraints import margin_report
 from mvp.optics.views import concatenated
-from mvp.planning.candidates import Screened, distinct, screen
+from mvp.planning.candidates import Screened, distinct, glance, screen
 from mvp.planning.chance import failure_probability
 from mvp.planning.chart import Chart
 from mvp.planning.components import component_numbers
@@ -19,6 +19,8 @@ from mvp.planning.starts import Start, user_starts
 from mvp.planning.step import Duals, LinearModel, by_kind, max_min
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from mvp.constraints import Kind
     from mvp.geometry import FloatArray
     from mvp.optics import Views
@@ -30,6 +32,8 @@ Status: TypeAlias = Literal["admissible", "infeasible"]
 # with each requirement's up to three times that.
 _KEEP = 0.95
 _CAP = 3.0
+# A search that may stop early first looks at this little, then at twice as much.
+_FIRST_CANDIDATES, _FIRST_STARTS, _FIRST_STEPS = 800, 3, 10
 _SECOND_STAGE_STEPS = 25
 _SECOND_STAGE_GAIN = 0.03
 # Ends this close in index, and 1 mm in place, are one.
@@ -112,23 +116,40 @@ class Attempt:
 
 
 def solve(
-    problem: PlanningProblem, *, seed: int, progress: Progress | None = None
+    problem: PlanningProblem,
+    *,
+    seed: int,
+    progress: Progress | None = None,
+    stop_at_index: float = np.inf,
 ) -> list[Solution]:
     """Search; the best solution first, also when none is admissible.
 
     The list is empty only when no candidate sees the features at all. The same seed
     gives the same answer.
+
+    Args:
+        problem: what is asked.
+        seed: of everything random.
+        progress: told the stage and the share of the work done.
+        stop_at_index: a smallest index that is good enough. The search then works in
+            rounds of twice the size of the last, ends with the first view that is as
+            good (without a second stage), and is exhaustive only if there is none.
     """
-    return list(attempt(problem, seed=seed, progress=progress).solutions)
+    found = attempt(problem, seed=seed, progress=progress, stop_at_index=stop_at_index)
+    return list(found.solutions)
 
 
 def attempt(
-    problem: PlanningProblem, *, seed: int, progress: Progress | None = None
+    problem: PlanningProblem,
+    *,
+    seed: int,
+    progress: Progress | None = None,
+    stop_at_index: float = np.inf,
 ) -> Attempt:
     """``solve``, with the candidates: what an explanation of a failure needs."""
     tell = progress or (lambda stage, share: None)
-    ended = searched(problem, seed=seed, progress=progress)
-    if not ended.solutions:
+    ended = searched(problem, seed=seed, progress=progress, stop_at_index=stop_at_index)
+    if not ended.solutions or ended.solutions[0].t >= stop_at_index:
         return ended
     tell("second stage", 0.8)
     best = _second_stage(problem, ended.solutions[0], seed)
@@ -137,19 +158,35 @@ def attempt(
 
 
 def searched(
-    problem: PlanningProblem, *, seed: int, progress: Progress | None = None
+    problem: PlanningProblem,
+    *,
+    seed: int,
+    progress: Progress | None = None,
+    stop_at_index: float = np.inf,
 ) -> Attempt:
     """The first stage alone: largest smallest index from every distinct start."""
     tell = progress or (lambda stage, share: None)
-    table, chart = RowTable.of(problem), Chart.of(problem)
+    table, rng = RowTable.of(problem), np.random.default_rng([seed, 0])
+    model = LinearModel(table, Chart.of(problem), max_min(table))
+    if np.isfinite(stop_at_index):
+        tell("first look", 0.0)
+        for look in _looks(problem):
+            soon = _first_good(look, model, rng, stop_at_index)
+            if soon is not None:
+                tell("done", 1.0)
+                return soon
     tell("candidates", 0.0)
-    screened = screen(problem, table, np.random.default_rng([seed, 0]))
+    screened = screen(problem, table, rng)
     starts = _starts(problem, screened)
     if not starts:
         return Attempt((), screened)
     tell("search", 0.2)
-    model = LinearModel(table, chart, max_min(table))
-    ended = climb(problem, model, concatenated([s.view for s in starts]))
+    ended = climb(
+        problem,
+        model,
+        concatenated([s.view for s in starts]),
+        limits=Limits(enough=stop_at_index),
+    )
     order = _ranking(ended)
     found = [_solution(problem, model, ended, k, starts[k]) for k in order]
     pieces = component_numbers(problem, ended.views.position_mm[order])
@@ -158,6 +195,39 @@ def searched(
         for solution, piece in zip(found, pieces, strict=True)
     ]
     return Attempt(tuple(numbered), screened)
+
+
+def _looks(problem: PlanningProblem) -> Iterator[PlanningProblem]:
+    """The same problem with few candidates and starts, twice as many every time."""
+    candidates, starts = _FIRST_CANDIDATES, _FIRST_STARTS
+    while 2 * candidates <= problem.candidates:
+        few = min(starts, problem.starts)
+        yield replace(problem, candidates=candidates, starts=few, user_starts=None)
+        candidates, starts = 2 * candidates, 2 * starts
+
+
+def _first_good(
+    problem: PlanningProblem,
+    model: LinearModel,
+    rng: np.random.Generator,
+    stop_at_index: float,
+) -> Attempt | None:
+    """The first view found that is good enough; None if a short search finds none."""
+    screened = glance(problem, model.table, rng)
+    starts = _starts(problem, screened)
+    if not starts:
+        return None
+    view, steps, name = starts[0].view, 0, starts[0].name
+    if screened.worst[0] < stop_at_index:
+        views = concatenated([start.view for start in starts])
+        limits = Limits(steps=_FIRST_STEPS, enough=stop_at_index)
+        ended = climb(problem, model, views, limits=limits)
+        best = int(np.argmax(ended.value))
+        if ended.value[best] < stop_at_index:
+            return None
+        view, steps, name = ended.views[best], int(ended.steps[best]), starts[best].name
+    solution = described(problem, model, view, start=name, steps=steps)
+    return Attempt((solution,), screened)
 
 
 def _starts(problem: PlanningProblem, screened: Screened) -> list[Start]:

@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     from mvp.planning.problem import PlanningProblem
 
 
+SEED = 1
+
+
 @cache
 def race() -> PaperScene:
     return race_scene()
@@ -48,8 +51,8 @@ def too_far_focus() -> tuple[PlanningProblem, Attempt, Explanation]:
     problem = race().problem(
         stricter=6, lens=_lens(12.75, 12.80), starts=8, candidates=20_000
     )
-    failed = attempt(problem, seed=0)
-    return problem, failed, explain(problem, failed, seed=0)
+    failed = attempt(problem, seed=SEED)
+    return problem, failed, explain(problem, failed, seed=SEED)
 
 
 def test_the_conflict_names_the_lens_bound_and_the_requirements_that_meet():
@@ -76,7 +79,7 @@ def test_the_conflict_names_the_lens_bound_and_the_requirements_that_meet():
 def test_the_dual_of_a_lens_bound_is_what_a_wider_bound_gains():
     problem, failed, why = too_far_focus()
     wider = replace(problem, lens=_lens(12.75, 12.801))
-    gain = attempt(wider, seed=0).solutions[0].t - failed.solutions[0].t
+    gain = attempt(wider, seed=SEED).solutions[0].t - failed.solutions[0].t
     dual = next(c.weight for c in why.conflicts if c.name == "d_max")
     assert gain / 0.001 == pytest.approx(dual, rel=0.05)
 
