@@ -41,7 +41,7 @@ DETAIL_MM = 2.54
 CIRCLE_OF_CONFUSION_MM = 0.0135
 IMAGE_DIAMETER_MM = 6.4665
 _RECTANGLE_MM = (8.832, 6.467)
-_HALF_MM = 650.0
+HALF_MM = 650.0
 _FACETS = 32
 
 
@@ -77,52 +77,39 @@ def table_views() -> dict[str, Views]:
 
 
 @dataclass(frozen=True, eq=False)
-class PaperScene:
-    """The object with its region, built once; problems are made from it.
+class PlanningScene:
+    """A part, edges that must be seen on it, and where the camera may be.
+
+    The region is built once; problems are made from it.
 
     Attributes:
-        sizes: of the object.
+        mesh: the part, which is all that can hide an edge.
+        edges: the features.
+        workspace: where the pupil may be.
         walls: whether the workspace's walls count as visibility facets.
     """
 
-    sizes: PaperObject
+    mesh: TriangleMesh
+    edges: tuple[EdgeFeature, ...]
+    workspace: Box
     walls: bool = True
 
     @cached_property
-    def mesh(self) -> TriangleMesh:
-        """The object."""
-        return paper_object(self.sizes)
-
-    @cached_property
-    def workspace(self) -> Box:
-        """Where the pupil may be."""
-        return Box(np.full(3, -_HALF_MM), np.full(3, _HALF_MM))
-
-    @cached_property
-    def edges(self) -> tuple[EdgeFeature, EdgeFeature]:
-        """The horizontal and the vertical feature edge."""
-        corner = np.array([12.7, 0.0, 12.7])
-        return (
-            edge_feature("horizontal edge", corner * [-1, 1, 1], corner, self.mesh),
-            edge_feature("vertical edge", corner * [1, 1, -1], corner, self.mesh),
-        )
-
-    @cached_property
     def region(self) -> Region:
-        """From where both edges are seen whole."""
+        """From where all edges are seen whole."""
         pieces = [piece for edge in self.edges for piece in edge.sight_pieces()]
         occluders = prepare(self.mesh)
         return visibility_region(occluders, pieces, self.workspace, walls=self.walls)
 
     @property
     def key_points_mm(self) -> FloatArray:
-        """The three different ends of the edges."""
+        """The different ends of the edges."""
         points = np.concatenate([edge.key_points_mm for edge in self.edges])
         return np.unique(points, axis=0)
 
     @property
     def segments_mm(self) -> FloatArray:
-        """Both edges (2, 2, 3)."""
+        """All edges (k, 2, 3)."""
         return np.concatenate([edge.segments_mm for edge in self.edges])
 
     def problem(
@@ -194,11 +181,23 @@ def scene_lens(name: SceneName, *, e_mm: float = 0.0) -> LensBounds:
     return LensBounds.of(f_mm=12.5, d_mm=(12.6, 15), a_mm=0.78125, e_mm=e_mm)
 
 
-def race_scene() -> PaperScene:
+def _paper_scene(sizes: PaperObject, *, walls: bool) -> PlanningScene:
+    """The two feature edges of the cube, seen from a workspace of 1.3 m."""
+    mesh = paper_object(sizes)
+    corner = np.array([12.7, 0.0, 12.7])
+    edges = (
+        edge_feature("horizontal edge", corner * [-1, 1, 1], corner, mesh),
+        edge_feature("vertical edge", corner * [1, 1, -1], corner, mesh),
+    )
+    workspace = Box(np.full(3, -HALF_MM), np.full(3, HALF_MM))
+    return PlanningScene(mesh, edges, workspace, walls)
+
+
+def race_scene() -> PlanningScene:
     """The object without slit, walls counting as facets: known best indices."""
-    return PaperScene(without_slit())
+    return _paper_scene(without_slit(), walls=True)
 
 
-def experiment_scene() -> PaperScene:
+def experiment_scene() -> PlanningScene:
     """The object that reproduces the facts of the three experiments."""
-    return PaperScene(PaperObject(), walls=False)
+    return _paper_scene(PaperObject(), walls=False)

@@ -16,11 +16,11 @@ from mvp.planning.candidates import aimed, orbit_positions
 from mvp.planning.chart import Chart
 from mvp.planning.problem import LensBounds
 from mvp.planning.rows import RowTable
-from mvp.testing.planning_scenes import PaperScene, race_scene, scene_lens
+from mvp.testing.planning_scenes import PlanningScene, race_scene, scene_lens
 
 
 @cache
-def race() -> PaperScene:
+def race() -> PlanningScene:
     return race_scene()
 
 

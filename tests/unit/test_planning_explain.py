@@ -24,7 +24,7 @@ from mvp.planning import (
 )
 from mvp.planning.blockers import blocking_faces
 from mvp.testing.planning_scenes import (
-    PaperScene,
+    PlanningScene,
     paper_view,
     race_scene,
 )
@@ -38,7 +38,7 @@ SEED = 1
 
 
 @cache
-def race() -> PaperScene:
+def race() -> PlanningScene:
     return race_scene()
 
 

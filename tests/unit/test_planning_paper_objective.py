@@ -13,13 +13,13 @@ from mvp.planning import PAPER_1, PAPER_2, PRESETS, evaluate, solve_paper
 from mvp.planning.chart import Chart
 from mvp.planning.paper_objective import paper_merit
 from mvp.planning.paper_table import PaperTable
-from mvp.testing.planning_scenes import PaperScene, race_scene, table_views
+from mvp.testing.planning_scenes import PlanningScene, race_scene, table_views
 
 _ACTIVE = 1e-4
 
 
 @cache
-def race() -> PaperScene:
+def race() -> PlanningScene:
     return race_scene()
 
 

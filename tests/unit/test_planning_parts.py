@@ -23,12 +23,12 @@ from mvp.planning.chance import perturbed
 from mvp.planning.components import component_numbers
 from mvp.planning.linear import HighsSolver, Programme, ScipySolver
 from mvp.planning.rows import RowTable
-from mvp.testing.planning_scenes import PaperScene, race_scene, table_views
+from mvp.testing.planning_scenes import PlanningScene, race_scene, table_views
 from mvp.visibility import prepare, visibility_region
 
 
 @cache
-def race() -> PaperScene:
+def race() -> PlanningScene:
     return race_scene()
 
 

@@ -14,7 +14,7 @@ from mvp.planning import ToleranceBox, certify, proven, solve
 from mvp.planning.chance import holds, perturbed
 from mvp.planning.problem import PlanningProblem
 from mvp.testing.planning_scenes import (
-    PaperScene,
+    PlanningScene,
     race_scene,
     scene_lens,
     table_views,
@@ -24,7 +24,7 @@ UNIT = ToleranceBox(1.0, float(np.deg2rad(0.3)), 0.01)
 
 
 @cache
-def race() -> PaperScene:
+def race() -> PlanningScene:
     return race_scene()
 
 
