@@ -17,7 +17,7 @@ from mvp.kinematics.clearance import (
     obstacles,
 )
 from mvp.kinematics.gantry import Gantry
-from mvp.kinematics.model import ArmModel, jacobian, singularity_margin
+from mvp.kinematics.model import ArmModel, inverse, jacobian, singularity_margin
 from mvp.kinematics.models import ARM_MODELS, arm_model
 from mvp.kinematics.path import (
     JointPath,
@@ -59,6 +59,7 @@ __all__ = [
     "camera_rotation",
     "carried",
     "find_path",
+    "inverse",
     "jacobian",
     "obstacles",
     "part_from_camera",

@@ -17,13 +17,11 @@ from mvp.kinematics.capsule import Capsules
 from mvp.kinematics.model import (
     forward_one,
     inside_limits,
-    inverse_one,
     on_nearest_turn,
 )
 
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, Pose
-    from mvp.kinematics.capsule import Capsule
     from mvp.kinematics.model import JointUnit
 
 ROLL_TOLERANCE_RAD = 1e-6
@@ -88,12 +86,6 @@ class Gantry:
         rotation = _head(q[:, 3], q[:, 4])
         return rotation, q[:, :3] + self.pivot_to_tool_mm * rotation[:, :, 2]
 
-    def inverse(
-        self, base_from_tool: Pose, *, near: FloatArray | None = None
-    ) -> tuple[FloatArray, ...]:
-        """The one solution, or () when the roll is not the one the head gives."""
-        return inverse_one(self, base_from_tool, near)
-
     def inverse_batch(
         self,
         rotation: FloatArray,
@@ -101,7 +93,10 @@ class Gantry:
         *,
         near: FloatArray | None = None,
     ) -> tuple[FloatArray, BoolArray]:
-        """One branch of N poses: joints (N, 1, 5), and whether it exists (N, 1)."""
+        """One branch of N poses: joints (N, 1, 5), and whether it exists (N, 1).
+
+        It does not where the roll is not the one that the head gives.
+        """
         reference = np.zeros(5) if near is None else np.asarray(near, np.float64)
         pan = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0])
         swing = np.stack([-np.sin(pan), np.cos(pan), np.zeros_like(pan)], axis=1)
@@ -123,10 +118,6 @@ class Gantry:
         """Slack (M, 5) to the limits, mm for the slides, rad for the head."""
         q = np.atleast_2d(joints)
         return np.asarray(np.minimum(q - self.joint_low, self.joint_high - q))
-
-    def link_capsules(self, joints: FloatArray) -> tuple[Capsule, ...]:
-        """Column and head of one configuration."""
-        return self.links_batch(np.asarray(joints, np.float64)[None]).at(0)
 
     def links_batch(self, joints: FloatArray) -> Capsules:
         """Column and head of M configurations, base frame."""

@@ -10,7 +10,7 @@ from mvp.geometry import Pose
 
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray
-    from mvp.kinematics.capsule import Capsule, Capsules
+    from mvp.kinematics.capsule import Capsules
 
 JointUnit: TypeAlias = Literal["rad", "mm"]
 
@@ -105,12 +105,6 @@ class ArmModel(Protocol):
         """Rotations (M, 3, 3) and flange points (M, 3), mm, of M configurations."""
         ...
 
-    def inverse(
-        self, base_from_tool: Pose, *, near: FloatArray | None = None
-    ) -> tuple[FloatArray, ...]:
-        """Every branch (dof,) within the joint limits, on the turn next to ``near``."""
-        ...
-
     def inverse_batch(
         self,
         rotation: FloatArray,
@@ -123,10 +117,6 @@ class ArmModel(Protocol):
 
     def margins(self, joints: FloatArray) -> FloatArray:
         """Slack (M, r) of M configurations to the joint limits and the end of reach."""
-        ...
-
-    def link_capsules(self, joints: FloatArray) -> tuple[Capsule, ...]:
-        """The links of one configuration, base frame."""
         ...
 
     def links_batch(self, joints: FloatArray) -> Capsules:
@@ -158,10 +148,10 @@ def forward_one(model: ArmModel, joints: FloatArray) -> Pose:
     return Pose("base", "tool", rotation[0], point[0])
 
 
-def inverse_one(
-    model: ArmModel, base_from_tool: Pose, near: FloatArray | None
+def inverse(
+    model: ArmModel, base_from_tool: Pose, *, near: FloatArray | None = None
 ) -> tuple[FloatArray, ...]:
-    """``ArmModel.inverse`` by way of the batch."""
+    """Every branch (dof,) within the joint limits, on the turn next to ``near``."""
     joints, exists = model.inverse_batch(
         base_from_tool.rotation[None], base_from_tool.translation_mm[None], near=near
     )

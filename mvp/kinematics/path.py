@@ -10,6 +10,7 @@ import numpy as np
 
 from mvp.geometry import FloatArray, Pose
 from mvp.kinematics.clearance import CellBodies, Nearest
+from mvp.kinematics.model import inverse
 from mvp.kinematics.roundabout import Explorer
 
 if TYPE_CHECKING:
@@ -199,7 +200,7 @@ def raised(
     pose = bodies.model.forward(np.asarray(joints, np.float64))
     up = np.array([0.0, 0.0, height_mm])
     above = Pose("base", "tool", pose.rotation, pose.translation_mm + up)
-    choices = bodies.model.inverse(above, near=joints)
+    choices = inverse(bodies.model, above, near=joints)
     if not choices:
         return None
     return min(choices, key=lambda q: float(np.abs(q - joints).max()))

@@ -17,13 +17,11 @@ from mvp.kinematics.capsule import Capsules
 from mvp.kinematics.model import (
     forward_one,
     inside_limits,
-    inverse_one,
     on_nearest_turn,
 )
 
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, Pose
-    from mvp.kinematics.capsule import Capsule
     from mvp.kinematics.model import JointUnit
 
 JOINTS = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
@@ -184,12 +182,6 @@ class UrArm:
         frames = _Frames.of(self.geometry, joints)
         return frames.rotation, frames.points[:, 6]
 
-    def inverse(
-        self, base_from_tool: Pose, *, near: FloatArray | None = None
-    ) -> tuple[FloatArray, ...]:
-        """Up to eight branches within the joint limits."""
-        return inverse_one(self, base_from_tool, near)
-
     def inverse_batch(
         self,
         rotation: FloatArray,
@@ -215,10 +207,6 @@ class UrArm:
         ratio = self.geometry.d4 / np.maximum(np.hypot(wrist[:, 0], wrist[:, 1]), 1e-9)
         inner = np.arccos(np.clip(ratio, -1, 1))
         return np.column_stack([limits, np.abs(q[:, 2]), inner])
-
-    def link_capsules(self, joints: FloatArray) -> tuple[Capsule, ...]:
-        """The seven links of one configuration."""
-        return self.links_batch(np.asarray(joints, np.float64)[None]).at(0)
 
     def links_batch(self, joints: FloatArray) -> Capsules:
         """The seven links of M configurations, base frame."""
