@@ -22,6 +22,8 @@ from mvp.devices.protocols import (
     Frame,
     Lens,
     LensState,
+    Recoverable,
+    RecoveryStep,
     Role,
 )
 from mvp.devices.recording import (
@@ -71,6 +73,8 @@ __all__ = [
     "Link",
     "PortFound",
     "RealClock",
+    "Recoverable",
+    "RecoveryStep",
     "RecordingTransport",
     "ReplayTransport",
     "Role",

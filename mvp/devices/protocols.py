@@ -25,7 +25,7 @@ from typing import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -221,5 +221,36 @@ class Camera(Device, Protocol):
         Raises:
             DeviceTimeout: no such frame in time.
             DeviceFault: frames arrive with holes.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class RecoveryStep:
+    """One step on the way back from a fault.
+
+    Attributes:
+        text: what is the matter, and what will be done about it.
+        acknowledge: a person has to have seen to it; never done unasked.
+        act: does it and says what was reached; raises ``DeviceError`` when it was not.
+    """
+
+    text: str
+    acknowledge: bool
+    act: Callable[[], str]
+
+
+@runtime_checkable
+class Recoverable(Protocol):
+    """A device that knows its way back from a fault; not every one does."""
+
+    def recovery(self) -> Iterator[RecoveryStep]:
+        """The steps from where it is to being ready, none when it is ready.
+
+        It need not be open. The next step is worked out when it is asked for, after the
+        last one was done; whoever does not do a step asks for no further one.
+
+        Raises:
+            DeviceError: it cannot be asked what is the matter.
         """
         ...
