@@ -13,7 +13,7 @@ from mvp.kinematics import arm_model
 if TYPE_CHECKING:
     from mvp.kinematics import ArmModel
 
-_FASTEST_DEG_S = 180.0  # the client library refuses more than 3.14 rad/s
+_FASTEST_RAD_S = 3.14  # the client library refuses more
 _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
@@ -35,7 +35,7 @@ class UrArmConfig(FileModel):
     payload_cog_mm: _Three = Field(
         default_factory=_zeros, description="its centre of gravity, tool frame"
     )
-    joint_speed_deg_s: float = Field(default=60.0, gt=0, le=_FASTEST_DEG_S)
+    joint_speed_deg_s: float = Field(default=60.0, gt=0, le=180)
     joint_acceleration_deg_s2: float = Field(default=80.0, gt=0, le=800)
     stop_deceleration_deg_s2: float = Field(default=170.0, ge=115, le=229)
     arrival_tolerance_deg: float = Field(default=0.05, gt=0, le=1)
@@ -71,7 +71,7 @@ class UrArmConfig(FileModel):
     def speed_rad_s(self) -> float:
         """Ceiling for the leading axis, whichever that is."""
         own = float(self.arm.joint_speed.min())
-        return min(math.radians(self.joint_speed_deg_s), own)
+        return min(math.radians(self.joint_speed_deg_s), own, _FASTEST_RAD_S)
 
     @property
     def acceleration_rad_s2(self) -> float:

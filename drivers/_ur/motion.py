@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivers._ur.codes import Trouble, motion_trouble, trouble
-from mvp.errors import DeviceError, DeviceTimeout, LinkLost, MotionStopped
+from mvp.errors import DeviceError, DeviceFault, DeviceTimeout, LinkLost, MotionStopped
 
 if TYPE_CHECKING:
     from drivers._ur.process import Pending
@@ -106,11 +106,19 @@ class Motions:
                     device=self._name,
                     hint="is the speed slider very low, or does something block it?",
                 )
-        ended = self._session.ended(pending)
+        ended = self._ended(pending)
         if self._link.interrupted or ended == "stopped":
             self._end_stopped(pending)
         if ended == "refused":
             raise self._given_up(self._trouble_soon() or trouble("refused"))
+
+    def _ended(self, pending: Pending) -> str:
+        """How it ended; a refusal by the library itself must not leave it going."""
+        try:
+            return self._session.ended(pending)
+        except DeviceFault:
+            self._session.abandon()
+            raise
 
     def _end_stopped(self, pending: Pending) -> None:
         self._wait_braked(pending)
