@@ -1,8 +1,15 @@
-"""Base of every model that is read from or written to a file."""
+"""What everything shares that is read from or written to a file."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from pydantic import BaseModel, ConfigDict
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from mvp.errors import InputError
 
 
 class FileModel(BaseModel):
@@ -11,3 +18,22 @@ class FileModel(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, strict=False
     )
+
+
+def read_file(path: Path, refusal: type[InputError], *, hint: str) -> bytes:
+    """The content of a file.
+
+    Args:
+        path: where it is.
+        refusal: the error to raise when it cannot be read.
+        hint: of that error.
+
+    Raises:
+        refusal: in the system's own words.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise refusal(
+            f"{path}: {error.strerror or error}", hint=hint, where=str(path)
+        ) from error

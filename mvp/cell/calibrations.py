@@ -17,6 +17,7 @@ from mvp.calibrated import (
 from mvp.cell.places import inside, sha256_of
 from mvp.cell.toml_file import dotted
 from mvp.errors import CalibrationError, ConfigError
+from mvp.fileedge import read_file
 from mvp.geometry import Pose
 
 if TYPE_CHECKING:
@@ -130,20 +131,17 @@ def _path(names: CalibrationFiles, cell_file: Path, name: str) -> Path:
 
 
 def _read(path: Path, name: str, model: type[_Model]) -> _Model:
+    content = read_file(
+        path, CalibrationError, hint="check the permissions of the file"
+    )
     try:
-        return model.model_validate_json(path.read_bytes())
+        return model.model_validate_json(content)
     except ValidationError as error:
         problem = error.errors(include_url=False)[0]
         raise CalibrationError(
             f"{path}: {dotted(problem['loc'])}: {problem['msg']}",
             hint=f"this is not a {name} calibration; restore the file, or name another "
             f"one in [calibration] of the cell file",
-            where=str(path),
-        ) from error
-    except OSError as error:
-        raise CalibrationError(
-            f"{path}: {error.strerror or error}",
-            hint="check the permissions of the file",
             where=str(path),
         ) from error
 

@@ -7,6 +7,7 @@ from importlib import resources
 from pathlib import Path
 
 from mvp.errors import ConfigError, UsageError
+from mvp.fileedge import read_file
 
 CELL_FILE = "cell.toml"
 
@@ -122,12 +123,7 @@ def sha256_of(*files: Path) -> str:
     """
     digest = hashlib.sha256()
     for file in files:
-        try:
-            digest.update(file.read_bytes())
-        except OSError as error:
-            raise ConfigError(
-                f"{file}: {error.strerror or error}",
-                hint="check the path and its permissions",
-                where=str(file),
-            ) from error
+        digest.update(
+            read_file(file, ConfigError, hint="check the path and its permissions")
+        )
     return digest.hexdigest()

@@ -13,13 +13,14 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from mvp.cell.durable import append_durably, cut_durably
 from mvp.errors import RecordError
-from mvp.fileedge import FileModel
+from mvp.fileedge import FileModel, read_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
 RECORD_SCHEMA: Literal["mvp-cell/record/1"] = "mvp-cell/record/1"
+FIND_RUNS = "name a run folder; `mvp-cell runs` lists them"
 FinishReason: TypeAlias = Literal["completed", "aborted", "fault", "error"]
 
 
@@ -202,14 +203,7 @@ def read_records(path: Path, *, repair: bool = False) -> list[Record]:
     Raises:
         RecordError: missing, or a whole line is damaged (with its number).
     """
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise RecordError(
-            f"{path}: {error.strerror or error}",
-            hint="name a run folder; `mvp-cell runs` lists them",
-            where=str(path),
-        ) from error
+    raw = read_file(path, RecordError, hint=FIND_RUNS)
     whole, newline, tail = raw.rpartition(b"\n")
     if tail and repair:
         cut_durably(path, len(whole + newline))

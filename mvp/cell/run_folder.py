@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, TypeVar
 from pydantic import ValidationError
 
 from mvp.cell.durable import output_error, sync_folder, write_durably
-from mvp.cell.records import Captured, Record, read_records
+from mvp.cell.records import FIND_RUNS, Captured, Record, read_records
 from mvp.cell.run_document import RunDocument
 from mvp.errors import OutputError, RecordError
+from mvp.fileedge import read_file
 from mvp.planning.plan import Plan
 
 if TYPE_CHECKING:
@@ -99,15 +100,11 @@ class RunFolder:
             RecordError: missing, changed, or unreadable.
         """
         file = self.path / captured.image
-        try:
-            content = file.read_bytes()
-        except OSError as error:
-            raise RecordError(
-                f"{file}: {error.strerror or error}",
-                hint="the picture is named in records.jsonl; restore it or start a "
-                "new run",
-                where=str(file),
-            ) from error
+        content = read_file(
+            file,
+            RecordError,
+            hint="the picture is named in records.jsonl; restore it or start a new run",
+        )
         if hashlib.sha256(content).hexdigest() != captured.sha256:
             raise RecordError(
                 f"{file}: the picture has changed since it was taken",
@@ -251,18 +248,13 @@ def decode_png(content: bytes) -> NDArray[np.uint8] | NDArray[np.uint16]:
 
 
 def _read(path: Path, model: type[_Model]) -> _Model:
+    content = read_file(path, RecordError, hint=FIND_RUNS)
     try:
-        return model.model_validate_json(path.read_bytes())
+        return model.model_validate_json(content)
     except ValidationError as error:
         problem = error.errors(include_url=False)[0]
         raise RecordError(
             f"{path}: damaged: {problem['msg']}",
             hint="the run cannot be used; start a new one",
-            where=str(path),
-        ) from error
-    except OSError as error:
-        raise RecordError(
-            f"{path}: {error.strerror or error}",
-            hint="name a run folder; `mvp-cell runs` lists them",
             where=str(path),
         ) from error
