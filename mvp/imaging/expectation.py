@@ -107,6 +107,13 @@ class ExpectedEdge:
         """Mean distance from the pupil plane."""
         return float(self.start_mm[2] + self.end_mm[2]) / 2
 
+    def depth_mm_at(self, share: FloatArray) -> FloatArray:
+        """Distance from the pupil plane at shares (n,) of its way in the picture.
+
+        There 1/z is linear.
+        """
+        return 1 / ((1 - share) / self.start_mm[2] + share / self.end_mm[2])
+
 
 @dataclass(frozen=True, eq=False)
 class ExpectedRim:

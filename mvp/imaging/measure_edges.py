@@ -45,6 +45,7 @@ class EdgeMeasurement:
         blur_q_px2: b^2 of the fit, may be slightly negative.
         blur_q_sd: its standard deviation.
         step: signed difference of the two levels, fraction of full scale.
+        step_slope: how much it grows from the middle to the end.
         snr: |step| over the noise of one pixel.
         misfit: residual over noise.
         saturated: share of clipped pixels in the band.
@@ -61,6 +62,7 @@ class EdgeMeasurement:
     blur_q_px2: float = float("nan")
     blur_q_sd: float = float("nan")
     step: float = float("nan")
+    step_slope: float = 0.0
     snr: float = 0.0
     misfit: float = float("nan")
     saturated: float = 0.0
@@ -71,13 +73,6 @@ class EdgeMeasurement:
     def blur_px(self) -> float:
         """Blur diameter."""
         return float(np.sqrt(max(self.blur_q_px2, 0.0)))
-
-    @property
-    def blur_sd_px(self) -> float:
-        """Half width of the one-sigma interval of the blur diameter."""
-        high = np.sqrt(max(self.blur_q_px2 + self.blur_q_sd, 0.0))
-        low = np.sqrt(max(self.blur_q_px2 - self.blur_q_sd, 0.0))
-        return float(high - low) / 2
 
     @property
     def offset_sd_px(self) -> float:
@@ -172,7 +167,7 @@ def _shifted(others: DrawnEdges, by_px: FloatArray) -> DrawnEdges:
     )
 
 
-def _trim_px(line: Line, blur_px: float) -> float:
+def trim_px(line: Line, blur_px: float) -> float:
     """What is left out at each end, where other edges join."""
     return float(min(max(0.12 * line.length_px, blur_px / 2 + 1), 0.3 * line.length_px))
 
@@ -190,9 +185,7 @@ def _fit(
     keep: BoolArray | None = None,
 ) -> StepFit | None:
     blur = task.blur_px if before is None else float(np.sqrt(max(before.q_px2, 0.0)))
-    inside = band.clear & (
-        np.abs(band.s_px) < line.length_px / 2 - _trim_px(line, blur)
-    )
+    inside = band.clear & (np.abs(band.s_px) < line.length_px / 2 - trim_px(line, blur))
     if keep is not None:
         inside &= keep
     chosen = np.flatnonzero(inside)
@@ -285,7 +278,7 @@ def _measurement(
     measured = _moved(shifted, float(offset), float(slope))
     middle, turn = _against(line, measured)
     scale = np.diag([1.0, 2 / shifted.length_px])
-    step = float(fit.high[0] - fit.low[0])
+    step, step_slope = map(float, fit.high - fit.low)
     snr = abs(step) / max(picture.noise, 1e-9)
     core = np.abs(band.t_px) < 2.0 + np.sqrt(max(fit.q_px2, 0.0)) / 2
     clipped = band.grey[core & band.clear] >= SATURATED
@@ -312,6 +305,7 @@ def _measurement(
         blur_q_px2=fit.q_px2,
         blur_q_sd=float(np.sqrt(max(fit.covariance[2, 2], 0.0))),
         step=step,
+        step_slope=step_slope,
         snr=snr,
         misfit=fit.noise / picture.noise,
         saturated=float(clipped.mean()) if len(clipped) else 0.0,

@@ -32,6 +32,8 @@ class Blur:
     """Blur diameter, px: measured with its 95 % interval, predicted, acceptable.
 
     ``square_px2`` is the fitted b^2, which may be slightly negative near zero.
+    ``weighed_px2`` is the predicted b^2 where the edge is strong: a fit weighs the
+    places along an edge by the square of the step.
     """
 
     measured_px: float | None
@@ -41,6 +43,7 @@ class Blur:
     c_px: float
     square_px2: float | None = None
     square_sd_px2: float | None = None
+    weighed_px2: float | None = None
 
 
 @dataclass(frozen=True)

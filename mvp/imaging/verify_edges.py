@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mvp.imaging.cause import scale_tolerance, shift_tolerance_px
-from mvp.imaging.measure_edges import FAINT, share_seen
+from mvp.imaging.measure_edges import FAINT, share_seen, trim_px
 from mvp.imaging.measure_ends import Crossing, EndPoint, find_end, not_measured
 from mvp.imaging.verify_data import Blur, EdgeReport, HoleReport, PointReport
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from mvp.imaging.edge_samples import Line, Picture
     from mvp.imaging.expectation import ExpectedEdge, ExpectedPoint, ViewExpectation
     from mvp.imaging.measure_edges import EdgeMeasurement
+    from mvp.imaging.measure_plane import ImagePlane
     from mvp.imaging.measure_view import MeasuredView
 
 LENGTH_PX = 1.0
@@ -27,6 +29,7 @@ PARTLY = 0.1
 SATURATED = 0.05
 _TWO_SIGMA = 1.96
 _NEARLY_WHOLE = 0.95
+_PLACES = 33
 
 
 def blur_of(found: EdgeMeasurement | None, predicted_px: float, c_px: float) -> Blur:
@@ -44,6 +47,17 @@ def blur_of(found: EdgeMeasurement | None, predicted_px: float, c_px: float) -> 
         found.blur_q_px2,
         found.blur_q_sd,
     )
+
+
+def _weighed_px2(
+    edge: ExpectedEdge, found: EdgeMeasurement, plane: ImagePlane
+) -> float:
+    """Predicted b^2, averaged along the picture as the fit averages."""
+    reach = 1 - 2 * trim_px(found.line, found.blur_px) / found.line.length_px
+    place = np.linspace(-reach, reach, _PLACES)
+    blur = plane.blur_px(edge.depth_mm_at((1 + place) / 2))
+    weight = (found.step + found.step_slope * place) ** 2
+    return float(np.average(blur**2, weights=weight))
 
 
 def edge_report(
@@ -87,7 +101,12 @@ def edge_report(
         predicted_contrast=None if np.isnan(edge.contrast) else edge.contrast,
         detail_px=_detail(edge.detail_px, length, whole.length_px),
         required_px=edge.requirement.pixels if edge.requirement else None,
-        blur=blur_of(found, edge.blur_px, expectation.c_px),
+        blur=replace(
+            blur_of(found, edge.blur_px, expectation.c_px),
+            weighed_px2=_weighed_px2(edge, found, expectation.plane)
+            if found.found
+            else None,
+        ),
         notes=_notes(edge, found, ends),
         length_asked=not edge.open_ends,
         crowded=edge.crowded,

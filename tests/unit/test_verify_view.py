@@ -22,7 +22,6 @@ from mvp.imaging import (
     meter_exposure,
     verify_view,
 )
-from mvp.imaging.blur_sweep import best_focus_mm, planned_best_focus_mm
 from mvp.scene import PaperObject, paper_object
 from tools.picture_trials import (
     FINE,
@@ -300,20 +299,6 @@ def test_metering_brings_the_features_to_sixty_percent(stage: Stage) -> None:
     assert factor == pytest.approx(1.0, rel=0.05)
     clipped = expose(picture, 9 * exposure_s)
     assert meter_exposure(clipped, 255.0, expectation) <= 0.25
-
-
-def test_a_focus_sweep_is_sharpest_at_the_planned_distance(stage: Stage) -> None:
-    setting, expectation, _ = stage.planned("V_f", 0.0)
-    best = planned_best_focus_mm(expectation)
-    distances = list(best + np.array([-0.37, -0.25, -0.13, 0.11, 0.23, 0.35]))
-    found = []
-    for d in distances:
-        true = replace(setting, d_mm=float(d))
-        here = stage.expectation(true)
-        picture = stage.picture(true)
-        image = expose(picture, metered_s(picture, here), rng=np.random.default_rng(3))
-        found.append(verify_view(image, 255.0, here))
-    assert best_focus_mm(distances, found) == pytest.approx(best, abs=0.01)
 
 
 def test_a_picture_of_another_size_is_refused(stage: Stage) -> None:
