@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
-from typing import Literal, cast
+from collections.abc import Mapping
+from typing import cast
 
 from drivers.simulators.control import LOOPBACK, Verb, answer
 from drivers.simulators.ur.safety import RobotMode
@@ -75,7 +75,7 @@ def _safety(controller: Controller) -> dict[str, Verb]:
         program = asked.get("program")
         if program not in (None, "pause", "stop"):
             raise ValueError("program is pause or stop")
-        safety.protective_stop(cast("Literal['pause', 'stop'] | None", program))
+        safety.protective_stop(program)
 
     def unlock_delay(asked: Asked) -> None:
         safety.unlock_delay_s = _float(asked, "seconds")
@@ -180,7 +180,7 @@ def _wires(controller: Controller) -> dict[str, Verb]:
         disturbance.muted, disturbance.delay_s = frozenset(), 0.0
         robot.frozen_s, robot.rejects_scripts = None, False
         robot.owners.reserved = set()
-        _soon(controller.listen)
+        controller.listen_soon()
 
     return {
         "drop": drop,
@@ -191,7 +191,7 @@ def _wires(controller: Controller) -> dict[str, Verb]:
         "inject": inject,
         "clear": clear,
         "refuse": lambda asked: controller.refuse(*_ports(asked)),
-        "listen": lambda asked: _soon(controller.listen, *_ports(asked)),
+        "listen": lambda asked: controller.listen_soon(*_ports(asked)),
         "restart": lambda asked: _restart(controller, _float(asked, "down_s", 1.0)),
     }
 
@@ -235,17 +235,7 @@ def _restart(controller: Controller, down_s: float) -> None:
     robot.registers.in_int[:] = [0] * len(robot.registers.in_int)
     robot.registers.out_int[:] = [0] * len(robot.registers.out_int)
     robot.tcp = (0.0,) * 6
-    asyncio.get_running_loop().call_later(down_s, _soon, controller.listen)
-
-
-_TASKS: set[asyncio.Task[None]] = set()
-
-
-def _soon(coroutine: Callable[..., object], *arguments: object) -> None:
-    """Start a coroutine and keep it alive."""
-    task = asyncio.ensure_future(cast("asyncio.Task[None]", coroutine(*arguments)))
-    _TASKS.add(task)
-    task.add_done_callback(_TASKS.discard)
+    asyncio.get_running_loop().call_later(down_s, controller.listen_soon)
 
 
 def _on(asked: Asked) -> bool:

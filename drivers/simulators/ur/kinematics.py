@@ -46,7 +46,7 @@ class Kinematics:
         Raises:
             NoSolutionError: out of reach, or only beyond a joint limit.
         """
-        return self.joints_along(matrix_of(pose)[None], tcp, near)[0]
+        return np.asarray(self.joints_along(matrix_of(pose)[None], tcp, near)[0])
 
     def joints_along(self, tools: Floats, tcp: Sequence[float], near: Floats) -> Floats:
         """Joints (n, 6) along transforms (n, 4, 4), m, each closest to the one before.
@@ -80,4 +80,4 @@ class Kinematics:
 def _offset(tcp: tuple[float, ...]) -> tuple[Floats, Floats]:
     """``flange_from_tool`` and its inverse."""
     matrix = matrix_of(tcp)
-    return matrix, np.linalg.inv(matrix)
+    return matrix, np.asarray(np.linalg.inv(matrix), dtype=np.float64)

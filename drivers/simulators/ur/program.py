@@ -115,7 +115,7 @@ class ControlProgram:
         self._shown_progress = -1
         self.write_progress(-1)
         self.write_int(0, READY)
-        self._kicks = self._last_kick_s = 0.0
+        self._kicks, self._last_kick_s = 0, robot.now_s
 
     def int_in(self, number: int) -> int:
         """An integer input, counted from the script's offset."""

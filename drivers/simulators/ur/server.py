@@ -90,6 +90,7 @@ class Controller:
         self.host = host
         self.disturbance = Disturbance()
         self.sessions: set[Session] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
         self._telemetry = Telemetry(robot)
         self._servers: dict[int, asyncio.Server] = {}
         self._reporter = WorldReporter(world) if world else None
@@ -117,6 +118,12 @@ class Controller:
             self.refuse()
             raise
 
+    def listen_soon(self, *ports: int) -> None:
+        """Open ports as soon as the loop comes round; a taken port is only logged."""
+        task = asyncio.get_running_loop().create_task(self.listen(*ports))
+        self._tasks.add(task)
+        task.add_done_callback(self._listened)
+
     def refuse(self, *ports: int) -> None:
         """Close listening ports, all of them when none is named."""
         for port in ports or tuple(self._servers):
@@ -130,6 +137,11 @@ class Controller:
         for line in lines:
             line.drop(reset=reset)
         return len(lines)
+
+    def _listened(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and task.exception() is not None:
+            _LOG.error("cannot listen again: %s", task.exception())
 
     async def run(self) -> None:
         """Keep the control cycle, in step with the wall; ends when cancelled."""

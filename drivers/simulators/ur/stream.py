@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 class Stream(Protocol):
     """What drives the arm cycle by cycle."""
 
-    acceleration: float
+    @property
+    def acceleration(self) -> float:
+        """How fast the joints may change their speed, rad/s^2."""
+        ...
 
     def wanted(self, joints: Floats) -> Floats:
         """(6,) rad/s that the joints should have now."""
@@ -45,6 +48,7 @@ class SpeedStream:
     """Keep a joint velocity (6,) rad/s."""
 
     rate: Floats
+
     acceleration: float
 
     def wanted(self, joints: Floats) -> Floats:
@@ -60,6 +64,7 @@ class ToolSpeedStream:
     kin: Kinematics
     velocity: Floats
     tcp: Sequence[float]
+
     acceleration: float
 
     def wanted(self, joints: Floats) -> Floats:

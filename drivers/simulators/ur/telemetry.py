@@ -48,7 +48,7 @@ class Telemetry:
         if kind == "bit":
             return lambda: bool(getattr(registers, f"{short}_bits") >> number & 1)
         values = getattr(registers, f"{short}_{kind}")
-        return lambda: values[number]  # type: ignore[no-any-return]
+        return lambda: values[number]
 
     def _tool_pose(self) -> Value:
         robot = self._robot
