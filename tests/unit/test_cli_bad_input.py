@@ -359,8 +359,9 @@ def test_bad_input_is_named_with_the_right_exit_code(
 ) -> None:
     bad.spoil(cell)
     if bad.name.startswith(("unwritable", "folder")):
-        monkeypatch.setattr("mvp.cell.plan_job.make_plan", too_late)
+        # In this order: the first one imports a module that takes it from the second.
         monkeypatch.setattr("mvp.cli.run_flow.make_plan", too_late)
+        monkeypatch.setattr("mvp.cell.plan_job.make_plan", too_late)
     out = tmp_path / "out"
     words = [w.format(cell=cell, out=out) for w in bad.command.split()]
     before = sorted(p for p in tmp_path.rglob("*"))
