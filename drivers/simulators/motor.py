@@ -107,7 +107,7 @@ class Motor:
             self._left = 0.0 if size == abs(self._left) else self._left - given
         self.pulses += given
         self._turn(given)
-        if not self.moving:
+        if self._left == 0.0:
             self.place = round(self.place, 6)  # pulses are whole
         return given
 
