@@ -148,7 +148,7 @@ class _Job:
         if self.cluster_mm is None:
             return [scene.vertices_mm[loop] for loop in patches.loops], []
         rule = ClusterRule(self.cluster_mm, self.piece.vertices_mm)
-        return clustered(scene.vertices_mm, patches, normals, *edges, rule)
+        return clustered(scene.vertices_mm, patches, normals, edges[1], rule)
 
     def _shadow(self, polygons: list[FloatArray], hulls: list[FloatArray]) -> Manifold:
         """Union of the shadows of convex occluders, neighbours first."""

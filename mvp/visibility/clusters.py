@@ -80,7 +80,6 @@ def clustered(
     vertices_mm: FloatArray,
     patches: ConvexPatches,
     normals: FloatArray,
-    edge_vertices: IntArray,
     edge_faces: IntArray,
     rule: ClusterRule,
 ) -> tuple[list[FloatArray], list[FloatArray]]:

@@ -124,11 +124,6 @@ class Region:
         return float(self.solid.volume())
 
     @cached_property
-    def facet_count(self) -> int:
-        """Number of convex planar facets, walls included."""
-        return int(self.mesh.face_ids.max(initial=-1)) + 1
-
-    @cached_property
     def on_wall(self) -> BoolArray:
         """(m,) triangles of the mesh that lie in a side of the workspace."""
         triangles = self.mesh.triangles_mm
