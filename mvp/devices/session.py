@@ -200,7 +200,7 @@ class Session:
         )
 
     def request(
-        self, data: bytes, accept: Accept, *, timeout_s: float
+        self, data: bytes, accept: Accept, *, timeout_s: float, optional: bool = False
     ) -> tuple[bytes, ...]:
         """Send a command and wait for its answer; commands of other threads wait.
 
@@ -210,9 +210,10 @@ class Session:
                 that it raises is the end of the command. Runs on the reader's thread.
             timeout_s: from sending, or from the last sign of life; the wait for
                 another command's end comes before it and takes at most as long.
+            optional: the device may leave it unanswered; that is no error then.
 
         Returns:
-            The frames taken as PART and DONE.
+            The frames taken as PART and DONE; none after an unanswered optional one.
 
         Raises:
             ConnectError: not open.
@@ -224,7 +225,7 @@ class Session:
             self._require()
             if self._out_of_step:
                 self._step_in()
-            return self._ask(data, accept, timeout_s=timeout_s)
+            return self._exchange(data, accept, timeout_s, optional=optional)
 
     def request_until(
         self, data: bytes, accept: Accept, *, timeout_s: float, patience_s: float
@@ -328,19 +329,30 @@ class Session:
     def _ask(
         self, data: bytes, accept: Accept, *, timeout_s: float
     ) -> tuple[bytes, ...]:
+        return self._exchange(data, accept, timeout_s, optional=False)
+
+    def _exchange(
+        self, data: bytes, accept: Accept, timeout_s: float, *, optional: bool
+    ) -> tuple[bytes, ...]:
+        """Send and wait, in step or not."""
         pending = self._take_slot(accept, timeout_s)
+        answered = False
         try:
             self.send(data)
-            self._await(pending)
-        except DeviceTimeout:
-            self._out_of_step = True
-            raise
+            answered = self._await(pending)
         finally:
             with self._lock:
                 self._pending = None
             pending.released.set()
+            self._out_of_step = self._out_of_step or not (answered or optional)
         if pending.error is not None:
             raise pending.error
+        if not answered and not optional:
+            raise DeviceTimeout(
+                f"no answer within {timeout_s:g} s",
+                device=self._transport.name,
+                hint="is it switched on, and is this the right port and speed?",
+            )
         return tuple(pending.frames)
 
     def _take_slot(self, accept: Accept, timeout_s: float) -> _Pending:
@@ -359,19 +371,15 @@ class Session:
                 )
             self._clock.wait(other.released, end_s - now_s)
 
-    def _await(self, pending: _Pending) -> None:
+    def _await(self, pending: _Pending) -> bool:
+        """Whether the command ended before its deadline."""
         while (left_s := pending.deadline_s - self._clock.now_s()) > 0:
             if self._clock.wait(pending.ended, left_s):
-                return
+                return True
         with self._lock:
-            if pending.ended.is_set():
-                return
+            in_time = pending.ended.is_set()
             pending.ended.set()
-        raise DeviceTimeout(
-            f"no answer within {pending.timeout_s:g} s",
-            device=self._transport.name,
-            hint="is it switched on, and is this the right port and speed?",
-        )
+        return in_time
 
     def _require(self) -> None:
         if self._reader is None:

@@ -368,3 +368,10 @@ def test_a_question_is_repeated_until_the_device_has_booted(talk) -> None:
     t = talk(lambda data: answers.popleft())
     frames = t.session.request_until(b"$I\n", ok_ends, timeout_s=0.05, patience_s=20)
     assert frames == (b"ok",)
+
+
+def test_an_answer_that_may_be_left_out_keeps_the_session_in_step(talk) -> None:
+    t = talk(lambda data: b"")
+    answer = t.session.request(b"x\n", ok_ends, timeout_s=0.05, optional=True)
+    assert answer == ()
+    assert not t.session.out_of_step

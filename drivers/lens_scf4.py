@@ -1,0 +1,371 @@
+"""Kurokesu SCF4: a lens controller with three stepper axes, spoken to in lines.
+
+A move is acknowledged when it is understood, not when it is done; arrival is seen by
+polling the status. The controller knows no limits and compensates no backlash; the
+counters have 16 bits and are lost when it restarts.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from drivers._lens import (
+    Deadline,
+    LensAxes,
+    Steps,
+    not_homed,
+    nothing_to_begin,
+    steps_of,
+    warn_untried,
+)
+from drivers._scf4 import COUNTER, UPPER, Scf4Config, Scf4Motor, Scf4Wire, words
+from mvp.devices import AXES, Axis, DeviceContext, DeviceInfo, LensState, Link, Role
+from mvp.errors import DeviceError, DeviceFault, DeviceTimeout, MotionStopped
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+_LOG = logging.getLogger(__name__)
+_POLL_S = 0.02
+_START_S = 1.0  # within which a motor must be seen to move, or to be there already
+_HALT_S = 3.0
+_BACK_OFF_STEPS = 200
+_SEEK_STEPS = 100  # only the sign counts while a sensor is looked for
+_BEYOND = 1.25  # of the range, to meet the end of travel from anywhere
+
+
+class Scf4Lens:
+    """A lens on an SCF4 controller."""
+
+    role: ClassVar[Role] = "lens"
+    Config = Scf4Config
+
+    def __init__(self, config: Scf4Config, context: DeviceContext, name: str) -> None:
+        self.name = name
+        self._config = config
+        self._clock = context.clock
+        self._motors: dict[Axis, Scf4Motor] = {
+            "zoom": config.zoom_motor,
+            "focus": config.focus_motor,
+            "iris": config.iris_motor,
+        }
+        self._axes = LensAxes(
+            config,
+            context.folder,
+            name,
+            ends=dict.fromkeys(AXES, (0, COUNTER - 1)),
+        )
+        self._wire = Scf4Wire(config, context, name, on_lost=self._on_lost)
+        self._link = Link(
+            name, context.clock, connect=self._connect, disconnect=self._disconnect
+        )
+        self._lock = threading.Lock()
+        self._identity = ("", "", "", "")
+        self._homed = False
+        # What the counters must read while nothing was commanded; None while moving.
+        self._expected: Steps | None = None
+
+    @classmethod
+    def from_config(
+        cls, config: Scf4Config, context: DeviceContext, *, name: str
+    ) -> Self:
+        """Build the device; no I/O."""
+        return cls(config, context, name)
+
+    def open(self) -> None:
+        """Connect and identify. Moves nothing.
+
+        Raises:
+            ConnectError: no such port, in use, or no SCF4 there.
+            ConfigError, CalibrationError: no usable ranges.
+        """
+        self._link.open()
+
+    def close(self) -> None:
+        """Stop the motors and disconnect."""
+        self._link.close()
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def info(self) -> DeviceInfo:
+        """Identity and versions."""
+        self._link.require_open()
+        firmware, board, brand, serial = self._identity
+        return DeviceInfo(
+            self.name,
+            "scf4",
+            f"{brand} {board}",
+            serial,
+            firmware,
+            simulated=False,
+            extra={"address": self._wire.session.address, "can_stop": "yes"},
+        )
+
+    def limits(self) -> dict[Axis, tuple[int, int]]:
+        """Lowest and highest step of each axis."""
+        return self._axes.limits()
+
+    def state(self) -> LensState:
+        """What the counters read.
+
+        Raises:
+            ConnectError, LinkLost, DeviceTimeout, WireError: no sensible answer.
+        """
+        self._link.require_open()
+        return self._read()
+
+    def home(self, *, timeout_s: float) -> LensState:
+        """Find the reference of every axis, one after the other. Moves.
+
+        Raises:
+            DeviceTimeout: a sensor was not found in time; the motors are stopped.
+            DeviceFault, MotionStopped: see the protocol.
+        """
+        self._link.require_open()
+        deadline = Deadline(self._clock, timeout_s)
+        with self._wire.session.dumping(), self._link.busy(nothing_to_begin):
+            self._begin_moving(homed=False)
+            with self._halting():
+                self._set_up()
+                for axis in self._config.home_order:
+                    self._home_axis(axis, deadline)
+                self._wire.order("M239", "G90")
+            self._stand(homed=True)
+        return self.state()
+
+    def check_steps(self, *, zoom: int, focus: int, iris: int) -> None:
+        """Raise ``LimitError`` when outside the limits. Never moves."""
+        self._axes.check({"zoom": zoom, "focus": focus, "iris": iris})
+
+    def move_steps(
+        self, *, zoom: int, focus: int, iris: int, timeout_s: float
+    ) -> LensState:
+        """Move every axis, arriving from the side of the lens table.
+
+        Raises:
+            LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
+        """
+        self._link.require_open()
+        targets: Steps = {"zoom": zoom, "focus": focus, "iris": iris}
+        self._axes.check(targets)
+        deadline = Deadline(self._clock, timeout_s)
+        with self._wire.session.dumping(), self._link.busy(nothing_to_begin):
+            before = self._read()
+            if not before.homed:
+                raise not_homed(self.name)
+            legs = self._axes.legs(steps_of(before), targets)
+            self._begin_moving(homed=True)
+            with self._halting():
+                for leg in legs:
+                    self._travel(leg, deadline)
+            self._stand(homed=True, at=targets)
+            self._axes.engage()
+        return self.state()
+
+    def stop(self) -> None:
+        """Stop all motors now, from any thread; the counters stay right."""
+        self._link.interrupt()
+        if self._link.is_open and not self._wire.session.is_lost:
+            self._wire.order("M0")
+
+    def _connect(self) -> None:
+        self._axes.ranges()
+        try:
+            self._identity = self._wire.open()
+            self._wire.status()
+        except BaseException:
+            self._wire.session.close()
+            raise
+        self._begin_moving(homed=False)
+        warn_untried(self.name, "the Kurokesu SCF4")
+
+    def _disconnect(self) -> None:
+        # Closing must work on a dead link, too.
+        with suppress(DeviceError):
+            self.stop()
+        self._wire.session.close()
+        self._begin_moving(homed=False)
+
+    def _on_lost(self, error: DeviceError) -> None:
+        self._begin_moving(homed=False)
+
+    def _read(self) -> LensState:
+        """The counters, compared with what they must read: a restart clears them."""
+        with self._lock:
+            expected = self._expected
+        status = self._wire.status()
+        with self._lock:
+            # Otherwise something moved while the question was on its way.
+            undisturbed = expected is not None and expected is self._expected
+            if self._homed and undisturbed and status.steps != expected:
+                _LOG.warning("%s: the counters changed, home is lost", self.name)
+                self._homed = False
+            homed = self._homed
+        return LensState(
+            zoom=status.steps["zoom"],
+            focus=status.steps["focus"],
+            iris=status.steps["iris"],
+            homed=homed,
+            standing=status.standing,
+        )
+
+    def _begin_moving(self, *, homed: bool) -> None:
+        with self._lock:
+            self._homed = homed
+            self._expected = None
+        self._axes.disengage()
+
+    def _stand(self, *, homed: bool, at: Steps | None = None) -> None:
+        """Note where the motors stand from now on."""
+        steps = self._wire.status().steps if at is None else at
+        with self._lock:
+            self._homed = homed and not self._wire.session.is_lost
+            self._expected = dict(steps)
+
+    def _set_up(self) -> None:
+        """Reset the driver chip and tell it everything that it forgets."""
+        motors = self._motors.values()
+        self._wire.order(
+            "$B2",
+            words("M234", {m.letter: m.run_current for m in motors}),
+            words("M235", {m.letter: m.idle_current for m in motors}),
+            words(
+                "M232",
+                {m.letter: m.sensor_low for m in motors}
+                | {UPPER[m.letter]: m.sensor_high for m in motors},
+            ),
+            words("M240", {m.letter: self._config.step_period for m in motors}),
+        )
+        if self._config.micro_steps is not None:
+            self._wire.order(f"M243 C{self._config.micro_steps}")
+        self._wire.order("M238", "M230 A", "M230 B", "M230 C", "G91")
+
+    def _home_axis(self, axis: Axis, deadline: Deadline) -> None:
+        _LOG.info("%s: homing %s", self.name, axis)
+        if self._motors[axis].home == "sensor":
+            self._home_on_sensor(axis, deadline)
+        else:
+            self._home_on_stop(axis, deadline)
+        motor = self._motors[axis]
+        self._wire.order(f"G92 {motor.letter}{motor.home_step}", f"M230 {motor.letter}")
+
+    def _home_on_sensor(self, axis: Axis, deadline: Deadline) -> None:
+        """To the edge, back off, and to the edge again, always upwards."""
+        letter = self._motors[axis].letter
+        inside = self._wire.status().sensor[axis]
+        self._seek(axis, deadline, upwards=not inside)
+        self._wire.order(f"M230 {letter}")
+        self._shift(axis, -_BACK_OFF_STEPS, deadline)
+        if self._wire.status().sensor[axis]:
+            raise DeviceFault(
+                f"the sensor of {axis} does not let go",
+                device=self.name,
+                code="home",
+                hint="check its thresholds (sensor_low, sensor_high) and its wiring",
+            )
+        self._seek(axis, deadline, upwards=True)
+
+    def _seek(self, axis: Axis, deadline: Deadline, *, upwards: bool) -> None:
+        """Run until the sensor changes to ``upwards``; the count is ignored."""
+        letter = self._motors[axis].letter
+        steps = _SEEK_STEPS if upwards else -_SEEK_STEPS
+        self._wire.order(f"M231 {letter}", f"G0 {letter}{steps:+d}")
+        while True:
+            self._pause(_POLL_S, deadline)
+            status = self._wire.status()
+            if status.sensor[axis] == upwards and not status.moving[axis]:
+                return
+
+    def _home_on_stop(self, axis: Axis, deadline: Deadline) -> None:
+        """Against the lower end of travel at low current."""
+        motor = self._motors[axis]
+        low, high = self._axes.ranges()[axis].reach
+        beyond = round(_BEYOND * (high - low))
+        self._wire.order(words("M234", {motor.letter: self._config.stop_current}))
+        self._shift(axis, -beyond, deadline)
+        self._wire.order(words("M234", {motor.letter: motor.run_current}))
+
+    def _shift(self, axis: Axis, steps: int, deadline: Deadline) -> None:
+        """Relative move of one axis."""
+        target = (self._wire.status().steps[axis] + steps) % COUNTER
+        self._wire.order(f"G0 {self._motors[axis].letter}{steps:+d}")
+        self._arrive({axis: target}, deadline)
+
+    def _travel(self, leg: Steps, deadline: Deadline) -> None:
+        """Absolute move of some axes at once."""
+        _LOG.debug("%s: towards %s", self.name, leg)
+        steps = {self._motors[axis].letter: step for axis, step in leg.items()}
+        self._wire.order("G90", words("G0", steps))
+        self._arrive(leg, deadline)
+
+    def _arrive(self, target: Mapping[Axis, int], deadline: Deadline) -> None:
+        """Wait until the axes were seen to move, or are there, and stand.
+
+        Raises:
+            DeviceFault: they stand elsewhere.
+        """
+        started = Deadline(self._clock, _START_S)
+        seen = False
+        while True:
+            self._pause(_POLL_S, deadline)
+            status = self._wire.status()
+            there = all(status.steps[axis] == step for axis, step in target.items())
+            seen = seen or not status.standing
+            if status.standing and there:
+                break
+            if status.standing and (seen or started.passed):
+                raise self._elsewhere(status.steps, target)
+        self._pause(self._config.settle_s, deadline)
+
+    def _elsewhere(self, steps: Steps, target: Mapping[Axis, int]) -> DeviceFault:
+        with self._lock:
+            self._homed = False
+        return DeviceFault(
+            f"stands at {steps} instead of {dict(target)}",
+            device=self.name,
+            code="position",
+            hint="it restarted, or the line is disturbed; home it again",
+        )
+
+    def _pause(self, seconds: float, deadline: Deadline) -> None:
+        """Wait a moment; notice a stop and the deadline."""
+        self._link.wait_until(self._clock.now_s() + min(seconds, deadline.left_s))
+        if self._link.interrupted:
+            raise MotionStopped("stopped while it moved", device=self.name)
+        if deadline.passed:
+            raise DeviceTimeout(
+                "did not arrive in time; it has been stopped",
+                device=self.name,
+                hint="does an axis stick, or is its sensor not seen?",
+            )
+
+    @contextmanager
+    def _halting(self) -> Iterator[None]:
+        """Leave no motor in motion, whatever ends the motion early."""
+        try:
+            yield
+        except BaseException:
+            self._halt()
+            raise
+
+    def _halt(self) -> None:
+        """Stop the motors and wait until they stand; best effort after a fault."""
+        deadline = Deadline(self._clock, _HALT_S)
+        never = threading.Event()
+        try:
+            self._wire.order("M0")
+            while not self._wire.status().standing and not deadline.passed:
+                self._clock.wait(never, _POLL_S)
+            with self._lock:
+                homed = self._homed
+            self._stand(homed=homed)
+        except DeviceError as error:
+            _LOG.error("%s: may still move: %s", self.name, error.message)
