@@ -1,0 +1,153 @@
+"""The process of one simulated camera: ``python -m drivers.simulators.gige``.
+
+It prints one line of JSON when it listens, ``{"ready": true, "address": "127.0.0.1",
+"control_port": 40001, ...}``, and runs until it is told to end, or until its standard
+input closes where it was started with ``--end-with-stdin``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import os
+import signal
+import sys
+import threading
+from typing import TYPE_CHECKING
+
+from drivers.simulators.control import ControlServer
+from drivers.simulators.gige.fake_camera import AddressLock, CameraProblem, FakeCamera
+from drivers.simulators.gige.painter import Painter
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from drivers.simulators.control import Verb
+    from drivers.simulators.world_port import WorldPort
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run until told to end."""
+    options = _parser().parse_args(arguments)
+    logging.basicConfig(level=options.log_level, stream=sys.stderr)
+    ended = _end_event(watch_stdin=options.end_with_stdin)
+    lock = AddressLock(options.host, options.wait)
+    try:
+        lock.take()
+        _serve(options, ended)
+    except (CameraProblem, OSError) as error:
+        _say({"ready": False, "message": str(error)})
+        return 1
+    finally:
+        lock.release()
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m drivers.simulators.gige")
+    add = parser.add_argument
+    add("--host", default="127.0.0.1", help="IPv4 address of an interface")
+    add("--serial", default="SIM-GIGE-1")
+    add("--columns", type=int, default=640, help="px, where no world says it")
+    add("--rows", type=int, default=480, help="px, where no world says it")
+    add("--gain-db-per-raw", type=float, default=1.0)
+    add("--lost-per-thousand", type=float, default=0.0, help="stream packets")
+    add("--wait", type=float, default=60.0, help="s for another one to end")
+    add("--control-port", type=int, default=0, help="of the fault channel")
+    add("--world", default="", help="HOST:PORT of the world that the camera sees")
+    add("--end-with-stdin", action="store_true")
+    add("--log-level", default="WARNING")
+    return parser
+
+
+def _serve(options: argparse.Namespace, ended: threading.Event) -> None:
+    """Appear, say so, and stay until told to end."""
+    world = _world(options.world)
+    size = world.frame_size() if world else (options.columns, options.rows)
+    painter = Painter(world, size, options.gain_db_per_raw)
+    camera = FakeCamera(options.host, options.serial, size, painter)
+    camera.start()
+    camera.lose(options.lost_per_thousand)
+    faults = ControlServer(_verbs(camera, painter), port=options.control_port)
+    faults.start()
+    try:
+        _say(
+            {
+                "ready": True,
+                "address": options.host,
+                "serial": options.serial,
+                "control_port": faults.port,
+                "columns": size[0],
+                "rows": size[1],
+                "pid": os.getpid(),
+            }
+        )
+        ended.wait()
+    finally:
+        faults.stop()
+        painter.interrupt()
+        camera.kill()
+
+
+def _verbs(camera: FakeCamera, painter: Painter) -> dict[str, Verb]:
+    """Faults: what can happen to a camera on a network.
+
+    ``kill``, ``silence``, ``restart`` (``serial``), ``lose`` (``per_thousand``),
+    ``slow`` (``seconds`` more per frame, without answering) and ``state``.
+    """
+
+    def restart(asked: Mapping[str, object]) -> None:
+        camera.serial = str(asked.get("serial", camera.serial))
+        camera.start()
+
+    def slow(asked: Mapping[str, object]) -> None:
+        painter.delay_s = float(str(asked["seconds"]))
+
+    return {
+        "kill": lambda asked: camera.kill(),
+        "silence": lambda asked: camera.silence(),
+        "restart": restart,
+        "lose": lambda asked: camera.lose(float(str(asked["per_thousand"]))),
+        "slow": slow,
+        "state": lambda asked: {
+            "running": camera.running,
+            "serial": camera.serial,
+            "frames": painter.frames,
+            "exposure_us": painter.last_exposure_us,
+        },
+    }
+
+
+def _world(address: str) -> WorldPort | None:
+    """The world over its loopback link, where one was named."""
+    if not address:
+        return None
+    from drivers.simulators.world_link import WorldClient
+
+    return WorldClient(address)
+
+
+def _end_event(*, watch_stdin: bool) -> threading.Event:
+    """Set by a signal, or when the parent's pipe closes."""
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+
+    def watch() -> None:
+        while os.read(sys.stdin.fileno(), 4096):
+            pass
+        ended.set()
+
+    if watch_stdin:
+        threading.Thread(target=watch, name="parent-watch", daemon=True).start()
+    return ended
+
+
+def _say(line: dict[str, object]) -> None:
+    sys.stdout.write(json.dumps(line) + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,190 @@
+"""Starts and ends the process of a simulated GigE Vision camera."""
+
+from __future__ import annotations
+
+import json
+import logging
+import queue
+import subprocess
+import sys
+import threading
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from pydantic import Field
+
+from mvp.errors import ConnectError
+from mvp.fileedge import FileModel
+
+if TYPE_CHECKING:
+    from drivers.simulators.world_link import WorldServer
+    from drivers.simulators.world_port import WorldPort
+    from mvp.devices import DeviceContext
+
+_LOG = logging.getLogger(__name__)
+_START_S = 20.0
+_END_S = 5.0
+# It renders while the driver waits, on whatever computer runs the simulation.
+_PATIENCE_S = 10.0
+
+
+class GigeSimulatorConfig(FileModel):
+    """Keys of ``[simulators.camera]`` with ``kind = "gige"``.
+
+    ``world`` is HOST:PORT of the world that the camera sees; empty: the cell's own, or
+    a moving ramp where there is none.
+    """
+
+    host: str = "127.0.0.1"
+    serial: str = Field(default="SIM-GIGE-1", min_length=1, max_length=15)
+    columns: int = Field(default=640, ge=1, le=8192)
+    rows: int = Field(default=480, ge=1, le=8192)
+    packet_size: int = Field(default=8192, ge=576, le=16000)
+    gain_db_per_raw: float = Field(default=1.0, gt=0)
+    lost_per_thousand: float = Field(default=0.0, ge=0, le=1000)
+    wait_s: float = Field(default=60.0, ge=0)
+    world: str = ""
+
+
+class GigeSimulator:
+    """Aravis' simulated camera in a process of its own, showing the world's frames.
+
+    Its protocol and its stream are those of Aravis; only the pixels are ours.
+    """
+
+    key: ClassVar[str] = "gige"
+    own_process: ClassVar[bool] = True
+    Config = GigeSimulatorConfig
+
+    def __init__(
+        self, config: GigeSimulatorConfig, world: WorldPort | None, name: str
+    ) -> None:
+        self.name = name
+        self._config = config
+        self._world = world
+        self._server: WorldServer | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._ready: dict[str, object] = {}
+
+    @classmethod
+    def from_config(
+        cls, config: GigeSimulatorConfig, context: DeviceContext, *, name: str
+    ) -> Self:
+        """Build it; starts nothing."""
+        world: WorldPort | None = None
+        if not config.world and hasattr(context.world, "frame_size"):
+            world = context.world
+        return cls(config, world, name)
+
+    @property
+    def control_port(self) -> int:
+        """Of the fault channel on 127.0.0.1; 0 while it does not run."""
+        return int(str(self._ready.get("control_port", 0)))
+
+    @property
+    def pid(self) -> int:
+        """Of its process; 0 while it does not run."""
+        return self._process.pid if self._process else 0
+
+    def start(self) -> dict[str, object]:
+        """Start the process; the keys for the camera's table of the cell file.
+
+        Raises:
+            ConnectError: it did not come up.
+        """
+        config = self._config
+        if self._process is None:
+            self._process = subprocess.Popen(
+                self._command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            )
+            self._ready = self._first_line(self._process)
+            _LOG.debug("%s: answers on %s", self.name, config.host)
+        return {
+            "address": config.host,
+            "serial": config.serial,
+            "packet_size": config.packet_size,
+            "gain_db_per_raw": config.gain_db_per_raw,
+            "frame_slack_s": _PATIENCE_S,
+        }
+
+    def stop(self) -> None:
+        """End the process; more than once is allowed."""
+        process, self._process = self._process, None
+        self._ready = {}
+        if process is not None:
+            _end(process)
+        server, self._server = self._server, None
+        if server is not None:
+            server.stop()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.stop()
+
+    def _command(self) -> list[str]:
+        config = self._config
+        options: dict[str, object] = {
+            "host": config.host,
+            "serial": config.serial,
+            "columns": config.columns,
+            "rows": config.rows,
+            "gain-db-per-raw": config.gain_db_per_raw,
+            "lost-per-thousand": config.lost_per_thousand,
+            "wait": config.wait_s,
+        }
+        command = [sys.executable, "-m", "drivers.simulators.gige", "--end-with-stdin"]
+        command += [f"--{key}={value}" for key, value in options.items()]
+        world = self._world_address()
+        return command + ([f"--world={world}"] if world else [])
+
+    def _world_address(self) -> str:
+        """Where the process finds the world; serves the cell's own when it must."""
+        if self._world is None:
+            return self._config.world
+        from drivers.simulators.world_link import WorldServer
+
+        self._server = WorldServer(self._world)
+        self._server.start()
+        return self._server.address
+
+    def _first_line(self, process: subprocess.Popen[bytes]) -> dict[str, object]:
+        """What it says when it is ready.
+
+        Raises:
+            ConnectError: nothing in time, or that it could not start.
+        """
+        lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        stdout = process.stdout
+        if stdout is None:
+            raise ValueError("the process has no standard output")
+        reader = threading.Thread(
+            target=lambda: lines.put(stdout.readline()), name="gige-ready", daemon=True
+        )
+        reader.start()
+        try:
+            said = json.loads(lines.get(timeout=_START_S + self._config.wait_s))
+        except (queue.Empty, ValueError):
+            said = {"message": "it ended, or said nothing in time"}
+        if not said.get("ready"):
+            self.stop()
+            raise ConnectError(
+                f"the simulated camera does not start: {said.get('message')}",
+                device=self.name,
+                hint="end the other simulated camera; Debian has the library in "
+                "libaravis-0.8-0",
+            )
+        return dict(said)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    if process.stdin is not None:
+        process.stdin.close()
+    try:
+        process.wait(_END_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
