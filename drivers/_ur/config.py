@@ -39,6 +39,7 @@ class UrArmConfig(FileModel):
     joint_acceleration_deg_s2: float = Field(default=80.0, gt=0, le=800)
     stop_deceleration_deg_s2: float = Field(default=170.0, ge=115, le=229)
     arrival_tolerance_deg: float = Field(default=0.05, gt=0, le=1)
+    handshake_timeout_s: float = Field(default=10.0, ge=1, le=60)
     frequency_hz: float = Field(default=125.0, ge=50, le=500)
     upper_registers: bool = Field(
         default=False, description="use RTDE registers 24 to 47; below 5.23 only"

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 QUERY_S = 1.0
-_HANDSHAKE_S = 10.0
 _STOP_S = 0.3
 _LEAVE_S = 3.0
 _ENDING_S = 0.5
@@ -257,11 +256,12 @@ class Session:
             raise trouble("wrong-robot", detail).fault(self.name)
 
     def _handshake(self, version: Version) -> None:
-        deadline = self._clock.now_s() + _HANDSHAKE_S
+        whole_s = self.config.handshake_timeout_s
+        deadline = self._clock.now_s() + whole_s
         where = {"host": self.config.host, "frequency_hz": self._frequency(version)}
         payload = (3, 11) <= version[:2] < (5, 0) or version[:3] >= (5, 5, 1)
         said = self._connected.request(
-            "listen", timeout_s=_HANDSHAKE_S, payload=payload, **where
+            "listen", timeout_s=whole_s, payload=payload, **where
         )
         status = Status.from_wire(cast("dict[str, object]", said["status"]))
         if found := robot_trouble(status):
