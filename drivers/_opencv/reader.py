@@ -61,6 +61,9 @@ class ArrivalBound:
 class Reader:
     """Grabs without pause; hands out the first picture that is young enough.
 
+    A picture is handed out when the next one has come, since the last picture of a
+    stream that breaks off may have been decoded from half of its bytes.
+
     Args:
         capture: owned from now on; released by ``stop``.
         period_s: longest time between two frames.
@@ -111,26 +114,34 @@ class Reader:
         self.want(math.inf)
 
     def _run(self) -> None:
-        number = 0
+        number, held = 0, None
         while not self._stop.is_set():
             began_s = self._clock.now_s()
             if not self._capture.grab():
+                # A picture that broke off in the middle is the last one that comes:
+                # the one held back is not handed out.
                 self._lost = True
                 return
             received_s = self._clock.now_s()
+            if held is not None:
+                self._hand_out(held)
             arrived_after_s = self._bound.of_grab(began_s, received_s)
             number += 1
-            if arrived_after_s >= self._wanted_s:
-                self._keep(arrived_after_s, received_s, number)
+            wanted = arrived_after_s >= self._wanted_s
+            held = self._read(arrived_after_s, received_s, number) if wanted else None
 
-    def _keep(self, arrived_after_s: float, received_s: float, number: int) -> None:
-        """Decode; not under the lock, and not for a request that has changed."""
+    def _read(
+        self, arrived_after_s: float, received_s: float, number: int
+    ) -> Reading | None:
+        """Decode the picture that was grabbed."""
         good, picture = self._capture.retrieve()
         if not good or picture is None:
-            return
-        reading = Reading(
-            picture.astype("uint8", copy=False), arrived_after_s, received_s, number
-        )
+            return None
+        pixels = picture.astype("uint8", copy=False)
+        return Reading(pixels, arrived_after_s, received_s, number)
+
+    def _hand_out(self, reading: Reading) -> None:
         with self._lock:
-            if arrived_after_s >= self._wanted_s:
+            # The request may have changed since.
+            if reading.arrived_after_s >= self._wanted_s:
                 self._ready, self._wanted_s = reading, math.inf
