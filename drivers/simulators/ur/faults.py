@@ -26,7 +26,8 @@ def verbs(controller: Controller) -> dict[str, Verb]:
     unlock_delay              ``seconds``
     robot_mode                ``mode``: a name or number
     remote                    ``on``
-    foreign_program           ``name``
+    foreign_program           ``name``; ``keep_registers``: what the control program
+                              said last stays in its output registers
     program_stop              the running program ends
     reject_scripts            ``on``: uploads are ignored
     slider                    ``fraction``
@@ -42,11 +43,20 @@ def verbs(controller: Controller) -> dict[str, Verb]:
     inject                    ``hex``: these bytes go to every RTDE client
     refuse, listen            ``ports``: close or open them (default all)
     restart                   ``down_s``: gone, and back with the power off
+    in                        ``seconds``, ``then``: another verb's line, later
     clear                     every disturbance of the wires ends
     state                     what it knows of itself
     ========================  ====================================================
     """
-    return {**_safety(controller), **_robot(controller), **_wires(controller)}
+    table = {**_safety(controller), **_robot(controller), **_wires(controller)}
+
+    def later(asked: Asked) -> None:
+        then = dict(cast("Asked", asked["then"]))
+        verb = table[str(then.pop("do"))]
+        loop = asyncio.get_running_loop()
+        loop.call_later(_float(asked, "seconds"), verb, then)
+
+    return {**table, "in": later}
 
 
 async def serve(controller: Controller, port: int) -> asyncio.Server:
@@ -112,6 +122,8 @@ def _robot(controller: Controller) -> dict[str, Verb]:
     def foreign_program(asked: Asked) -> None:
         if not robot.play_foreign(str(asked.get("name", "pendant.urp"))):
             raise ValueError("no program can run now")
+        if not asked.get("keep_registers", False):
+            robot.registers.out_int[:] = [0] * len(robot.registers.out_int)
 
     def reject_scripts(asked: Asked) -> None:
         robot.rejects_scripts = _on(asked)
