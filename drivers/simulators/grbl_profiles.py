@@ -1,0 +1,167 @@
+"""In what GRBL 1.1, grblHAL and FluidNC differ, and the keys of their simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import Field
+
+from drivers.simulators.gcode_axes import AxisSettings
+from drivers.simulators.motor import RateSettings
+from drivers.simulators.serial_simulator import LineSettings
+
+
+@dataclass(frozen=True)
+class Profile:
+    """One firmware.
+
+    Attributes:
+        banner: line after a restart.
+        version, options: of ``$I``.
+        rx_bytes: size of the receive buffer.
+        blocks: moves that fit into the queue.
+        line_max: longest line.
+        counts_both_ends: CR LF are two lines.
+        sticky_error: after an error every G-code is refused.
+        dead_after_alarm: answers nothing after a limit alarm until a reset.
+        shows_homed: status has ``H:``.
+        answers_every_query: instead of once for many.
+        homes_axes: ``$HX`` and the like.
+        enforces_unhomed: soft limits act before homing.
+    """
+
+    banner: str
+    version: str
+    options: str
+    rx_bytes: int
+    blocks: int
+    line_max: int
+    counts_both_ends: bool
+    sticky_error: bool
+    dead_after_alarm: bool
+    shows_homed: bool
+    answers_every_query: bool
+    homes_axes: bool
+    enforces_unhomed: bool
+    unlock_hint: str = "[MSG:'$H'|'$X' to unlock]"
+
+
+PROFILES: dict[str, Profile] = {
+    "grbl": Profile(
+        banner="Grbl 1.1h ['$' for help]",
+        version="[VER:1.1h.20190830:]",
+        options="[OPT:V,15,128]",
+        rx_bytes=128,
+        blocks=15,
+        line_max=80,
+        counts_both_ends=True,
+        sticky_error=False,
+        dead_after_alarm=True,
+        shows_homed=False,
+        answers_every_query=False,
+        homes_axes=False,
+        enforces_unhomed=True,
+    ),
+    "grblhal": Profile(
+        banner="GrblHAL 1.1f ['$' or '$HELP' for help]",
+        version="[VER:1.1f.20240928:]",
+        options="[OPT:VNML+,100,1024,5,0]",
+        rx_bytes=1024,
+        blocks=100,
+        line_max=256,
+        counts_both_ends=False,
+        sticky_error=True,
+        dead_after_alarm=False,
+        shows_homed=True,
+        answers_every_query=True,
+        homes_axes=True,
+        enforces_unhomed=False,
+    ),
+    "fluidnc": Profile(
+        banner="Grbl 3.7 [FluidNC v3.7.16 (wifi) '$' for help]",
+        version="[VER:3.7 FluidNC v3.7.16:]",
+        options="[OPT:PHSBW]",
+        rx_bytes=1024,
+        blocks=16,
+        line_max=255,
+        counts_both_ends=False,
+        sticky_error=False,
+        dead_after_alarm=False,
+        shows_homed=False,
+        answers_every_query=True,
+        homes_axes=True,
+        enforces_unhomed=True,
+    ),
+}
+
+
+def camera_gantry() -> tuple[AxisSettings, ...]:
+    """X, Y, Z with switches at their positive ends; A pans, B tilts, neither homed."""
+    return (
+        AxisSettings(
+            letter="X",
+            travel=1200,
+            rate_min=18_000,
+            acceleration=1000,
+            start=-600,
+            joint_zero=600,
+        ),
+        AxisSettings(
+            letter="Y",
+            travel=1200,
+            rate_min=18_000,
+            acceleration=1000,
+            start=-600,
+            joint_zero=600,
+        ),
+        AxisSettings(
+            letter="Z",
+            travel=900,
+            rate_min=9000,
+            acceleration=500,
+            start=-300,
+            joint_zero=900,
+        ),
+        AxisSettings(
+            letter="A",
+            travel=180,
+            rate_min=5400,
+            acceleration=300,
+            steps_per_unit=160,
+            switch=None,
+        ),
+        AxisSettings(
+            letter="B",
+            travel=100,
+            rate_min=5400,
+            acceleration=300,
+            steps_per_unit=160,
+            switch=None,
+        ),
+    )
+
+
+class GrblConfig(LineSettings, RateSettings):
+    """Keys of the simulator.
+
+    Attributes:
+        profile: the firmware.
+        axes: the machine; GRBL itself takes the first three.
+        homing_seek_min: fast approach of the switch, mm per minute.
+        homing_feed_min: slow approach.
+        pull_off: from the switch after homing, mm.
+        hard_limits: a switch that is met in a move is an alarm.
+        resets_on_open: boards that restart when the port is opened.
+        hold_byte: whether ``!`` and ``~`` act.
+    """
+
+    profile: Literal["grbl", "grblhal", "fluidnc"] = "grblhal"
+    axes: tuple[AxisSettings, ...] = Field(default_factory=camera_gantry)
+    homing_seek_min: float = Field(default=3000.0, gt=0)
+    homing_feed_min: float = Field(default=100.0, gt=0)
+    pull_off: float = Field(default=1.0, gt=0)
+    hard_limits: bool = False
+    resets_on_open: bool = True
+    hold_byte: bool = True
+    boot_s: float = Field(default=0.5, ge=0)
