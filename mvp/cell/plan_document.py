@@ -83,6 +83,7 @@ class ViewWriter:
         return margin.model_copy(update={"row": row})
 
     def _arm_margins(self, realised: RealisedView) -> dict[str, Margin]:
+        """What the arm adds: joints are commanded as planned, so reach has no sigmas."""
         reach, nearest = realised.arm.reach, realised.arm.nearest
         asked_mm = self.factory.cell.config.kinematics.clearance_mm
         asked = self.factory.cell.config.kinematics.joint_margin_deg
@@ -98,7 +99,7 @@ class ViewWriter:
             "clearance": Margin(
                 value=nearest.distance_mm - asked_mm,
                 unit="mm",
-                normalised=None,
+                normalised=realised.clearance_index,
                 row=f"{nearest.body} against {nearest.other}",
             ),
         }
@@ -129,7 +130,8 @@ class ViewWriter:
                 "the visibility region was simplified on the safe side; the view "
                 "itself was checked exactly"
             )
-        return with_thin_margin(notes, written[_binding(written)].normalised)
+        optical = {k: m for k, m in written.items() if k != "clearance"}
+        return with_thin_margin(notes, written[_binding(optical)].normalised)
 
 
 def with_thin_margin(notes: list[str], weakest: float | None) -> list[str]:

@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mvp.kinematics import JointPath, NoPath, Unreachable, find_path, realisations
+from mvp.kinematics import (
+    JointPath,
+    NoPath,
+    Unreachable,
+    clearance_index,
+    find_path,
+    realisations,
+)
 from mvp.optics import single_view
 from mvp.planning.recheck import recheck
 from mvp.visibility import exactly_visible
@@ -41,6 +48,8 @@ class RealisedView:
         setting: what the lens gives at the rounded steps.
         path: from home, as checked at planning time.
         repairs: what was changed about a person's starts.
+        clearance_index: standard deviations before anything touches; None when the
+            stated errors bring nothing together.
         contrast: what it will show; None when the light is not known.
     """
 
@@ -53,6 +62,7 @@ class RealisedView:
     tube_mm: float
     arm: Realisation
     path: JointPath
+    clearance_index: float | None = None
     contrast: SeenContrast | None = None
     repairs: tuple[str, ...] = ()
 
@@ -145,6 +155,7 @@ def _taken(
                 asked.tube_mm,
                 choice,
                 path,
+                clearance_index=_clearance_index(arm, problem, choice),
                 contrast=contrast.at(choice.part_from_camera) if contrast else None,
             )
         reason = reason or path.reason
@@ -176,6 +187,20 @@ def _recheck(
         return ""
     failed = [name for name, value in again.values.items() if value < 0]
     return f"at the rounded motor steps {', '.join(failed)} no longer hold"
+
+
+def _clearance_index(
+    arm: ArmSetup, problem: PlanningProblem, choice: Realisation
+) -> float | None:
+    pupil = arm.cell.calibrations.base_from_part @ choice.part_from_camera
+    return clearance_index(
+        arm.bodies,
+        choice.joints,
+        pupil_mm=pupil.translation_mm,
+        asked_mm=arm.clearance_mm,
+        position_mm=problem.uncertainty.position_mm,
+        angle_rad=problem.uncertainty.angle_rad,
+    )
 
 
 def _path(arm: ArmSetup, choice: Realisation) -> JointPath | NoPath:

@@ -16,6 +16,7 @@ from mvp.kinematics.clearance import (
     blocked_sight,
     obstacles,
 )
+from mvp.kinematics.clearance_index import clearance_index
 from mvp.kinematics.gantry import Gantry
 from mvp.kinematics.model import ArmModel, inverse, jacobian, singularity_margin
 from mvp.kinematics.models import ARM_MODELS, arm_model
@@ -58,6 +59,7 @@ __all__ = [
     "blocked_sight",
     "camera_rotation",
     "carried",
+    "clearance_index",
     "find_path",
     "inverse",
     "jacobian",

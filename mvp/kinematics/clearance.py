@@ -146,9 +146,14 @@ class CellBodies:
     def _to_obstacles(
         self, bodies: Capsules
     ) -> tuple[FloatArray, tuple[tuple[str, str], ...], FloatArray]:
-        moving = [
-            k for k, n in enumerate(bodies.names) if n not in self.model.fixed_links
-        ]
+        moving = self._moving_bodies(bodies)
+        names = tuple((bodies.names[k], o.name) for o in self.obstacles for k in moving)
+        levers = np.tile(self.levers[moving], (len(self.obstacles), 1))
+        return self.to_obstacles(bodies), names, levers
+
+    def to_obstacles(self, bodies: Capsules) -> FloatArray:
+        """Distances (M, P) mm of what moves, as ``moving`` gives it, to all obstacles."""
+        moving = self._moving_bodies(bodies)
         m = len(bodies.start_mm)
         p = bodies.start_mm[:, moving].reshape(-1, 3)
         q = bodies.end_mm[:, moving].reshape(-1, 3)
@@ -156,9 +161,11 @@ class CellBodies:
             o.distance(p, q, self.far_mm).reshape(m, -1) - bodies.radius_mm[moving]
             for o in self.obstacles
         ]
-        names = tuple((bodies.names[k], o.name) for o in self.obstacles for k in moving)
-        levers = np.tile(self.levers[moving], (len(self.obstacles), 1))
-        return np.concatenate([*columns, np.zeros((m, 0))], axis=1), names, levers
+        return np.concatenate([*columns, np.zeros((m, 0))], axis=1)
+
+    def _moving_bodies(self, bodies: Capsules) -> list[int]:
+        fixed = self.model.fixed_links
+        return [k for k, name in enumerate(bodies.names) if name not in fixed]
 
     @cached_property
     def _own_pairs(self) -> IntArray:
