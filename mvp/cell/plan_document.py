@@ -11,7 +11,7 @@ from mvp.planning.chance import failure_probability
 from mvp.planning.plan import LensSteps, Margin, NotCovered, PlannedView, Tolerance
 from mvp.planning.rows import RowTable
 from mvp.planning.sensitivity import sensitivity
-from mvp.planning.solve import margins
+from mvp.planning.solution import margins
 from mvp.planning.tolerance import certify
 from mvp.planning.tube import tube_needed
 

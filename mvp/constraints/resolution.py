@@ -107,6 +107,13 @@ class Resolution:
         """W of eq. (18), mm."""
         return float(np.hypot(self.pitch_x_mm, self.pitch_y_mm))
 
+    @property
+    def finest_pitch_mm(self) -> float:
+        """The smallest length on the sensor that ever counts as one pixel, mm."""
+        if self.rule == "worst":
+            return self.diagonal_pitch_mm
+        return min(self.pitch_x_mm, self.pitch_y_mm)
+
     def rows(self, views: Views, *, gradient: bool = True) -> Rows:
         """Pixels covered minus pixels required, (N, R) px."""
         qa = views.camera_points(self.starts_mm)

@@ -23,7 +23,8 @@ from mvp.planning.problem import (
 from mvp.planning.recheck import Recheck, recheck
 from mvp.planning.relaxation import Amount, relaxed
 from mvp.planning.sensitivity import sensitivity
-from mvp.planning.solve import Attempt, KindMargin, Solution, attempt, evaluate, solve
+from mvp.planning.solution import KindMargin, Solution, evaluate
+from mvp.planning.solve import Attempt, attempt, solve
 from mvp.planning.tolerance import Certificate, ToleranceBox, certify, proven
 from mvp.planning.tube import TubeAdvice, tube_needed
 

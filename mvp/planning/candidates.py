@@ -68,10 +68,16 @@ def screen(
 
 
 def glance(
-    problem: PlanningProblem, table: RowTable, rng: np.random.Generator
+    problem: PlanningProblem,
+    table: RowTable,
+    rng: np.random.Generator,
+    within_mm: tuple[float, float],
 ) -> Screened:
-    """``screen`` for few candidates, measured just as far as the starts need it."""
-    positions = orbit_positions(problem, problem.candidates, rng)
+    """``screen`` for few candidates between two distances from the target.
+
+    Distances to the region are measured just as far as the starts need it.
+    """
+    positions = orbit_positions(problem, problem.candidates, rng, within_mm=within_mm)
     views = aimed(problem, positions[inside(problem, positions)], rng)
     measured = _MEASURED_PER_START * max(problem.starts, 1)
     return ranked(problem, table, views, problem.candidates, measured=measured)
@@ -120,7 +126,11 @@ def in_region(constraint: Visibility, points: FloatArray) -> BoolArray:
 
 
 def orbit_positions(
-    problem: PlanningProblem, count: int, rng: np.random.Generator
+    problem: PlanningProblem,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    within_mm: tuple[float, float] = (0.0, np.inf),
 ) -> FloatArray:
     """Uniform directions about the target, log-uniform distances, (count, 3) mm.
 
@@ -129,8 +139,7 @@ def orbit_positions(
     independent draws.
     """
     spread = (rng.uniform(size=3) + np.arange(count)[:, None] * _EVEN_STEPS) % 1.0
-    low = max(_NEAREST_RADII * problem.target_radius_mm, 2 * problem.lens.f_mm[0])
-    high = max(problem.farthest_mm, 2 * low)
+    low, high = _distances_mm(problem, within_mm)
     distance = low * (high / low) ** spread[:, 2]
     height = 1 - 2 * spread[:, 0]
     across = distance * np.sqrt(1 - height**2)
@@ -139,6 +148,16 @@ def orbit_positions(
         [across * np.cos(angle), across * np.sin(angle), distance * height], axis=1
     )
     return np.asarray(problem.target_centre_mm + offset)
+
+
+def _distances_mm(
+    problem: PlanningProblem, within_mm: tuple[float, float]
+) -> tuple[float, float]:
+    """From where to where views are drawn; a range that leaves nothing is ignored."""
+    low = max(_NEAREST_RADII * problem.target_radius_mm, 2 * problem.lens.f_mm[0])
+    high = max(problem.farthest_mm, 2 * low)
+    nearest, farthest = max(low, within_mm[0]), min(high, within_mm[1])
+    return (nearest, farthest) if nearest < farthest else (low, high)
 
 
 def from_boundary(problem: PlanningProblem, rng: np.random.Generator) -> Views:

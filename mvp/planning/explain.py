@@ -19,13 +19,13 @@ from mvp.planning.blockers import FaceName, blocking_faces, limiting_faces
 from mvp.planning.chart import Chart
 from mvp.planning.cures import Cure, knob_cures, lens_cure
 from mvp.planning.rows import RowTable
-from mvp.planning.solve import Attempt, Solution
 from mvp.visibility import Region
 
 if TYPE_CHECKING:
     from mvp.optics import Views
     from mvp.planning.problem import LensBounds, PlanningProblem
-    from mvp.planning.solve import Attempt, Solution
+    from mvp.planning.solution import Solution
+    from mvp.planning.solve import Attempt
 
 _MINOR_DUAL = 0.01
 _CLEAR_OF_TARGET = 1.2

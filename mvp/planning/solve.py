@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mvp.constraints import margin_report
 from mvp.optics.views import concatenated
 from mvp.planning.candidates import Screened, distinct, glance, screen
 from mvp.planning.chance import failure_probability
 from mvp.planning.chart import Chart
 from mvp.planning.components import component_numbers
+from mvp.planning.distances import distance_bounds_mm
 from mvp.planning.rows import RowTable
 from mvp.planning.search import Climbed, Limits, climb
+from mvp.planning.solution import Solution, described
 from mvp.planning.starts import Start, user_starts
-from mvp.planning.step import Duals, LinearModel, by_kind, max_min
+from mvp.planning.step import LinearModel, by_kind, max_min
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from mvp.constraints import Kind
-    from mvp.geometry import FloatArray
     from mvp.optics import Views
     from mvp.planning.problem import PlanningProblem, Progress
-
-Status: TypeAlias = Literal["admissible", "infeasible"]
 
 # The second stage gives up at most a twentieth of the worst index, and is credited
 # with each requirement's up to three times that.
@@ -41,65 +38,6 @@ _SAME = 1e-3
 _SAME_PLACE_MM = 1.0
 # One row fails in one draw of 2000 there: often enough in 50 000 to compare two views.
 _COMPARED_AT_SIGMA = 3.3
-# Box, in the chart's coordinates, in which the duals of a view are found.
-_PROBE_RADIUS = 0.05
-_SAFE_SIGMA = 3.0
-
-
-@dataclass(frozen=True)
-class KindMargin:
-    """Worst margin of one requirement at one view.
-
-    Attributes:
-        value: in ``unit`` as a plan promises it; inf when ``unbounded``.
-        index: smallest of its rows in standard deviations.
-        row: what the worst row is about.
-    """
-
-    value: float
-    unit: str
-    index: float
-    unbounded: bool
-    row: str
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """One view that the search ended at.
-
-    Attributes:
-        view: the view, N = 1.
-        index: (R,) every row in standard deviations.
-        t: the smallest of them.
-        first_stage_t: the largest smallest index, before 5 % of it were given up.
-        status: whether every constraint holds.
-        margins: worst margin of every requirement.
-        binding: requirement with the largest dual.
-        binding_row: its row, in the user's words.
-        duals: who holds the optimum.
-        start: where the search began.
-        stage: what was maximised last.
-        steps: accepted steps.
-        failure_probability: at the stated errors; None if not drawn.
-        component: number of the region's piece by size; None if it is in one piece.
-        notes: repairs and choices, in the user's words.
-    """
-
-    view: Views
-    index: FloatArray
-    t: float
-    first_stage_t: float
-    status: Status
-    margins: dict[Kind, KindMargin]
-    binding: Kind
-    binding_row: str
-    duals: Duals
-    start: str
-    stage: Literal["max-min", "second stage"]
-    steps: int
-    failure_probability: float | None = None
-    component: int | None = None
-    notes: tuple[str, ...] = field(default=())
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +70,9 @@ def solve(
         seed: of everything random.
         progress: told the stage and the share of the work done.
         stop_at_index: a smallest index that is good enough. The search then works in
-            rounds of twice the size of the last, ends with the first view that is as
-            good (without a second stage), and is exhaustive only if there is none.
+            rounds of twice the size of the last and ends with the first view that is
+            as good, without a second stage; ``progress`` hears "description" when it
+            holds that view. Without such a view it ends as it does by default.
     """
     found = attempt(problem, seed=seed, progress=progress, stop_at_index=stop_at_index)
     return list(found.solutions)
@@ -167,26 +106,18 @@ def searched(
     """The first stage alone: largest smallest index from every distinct start."""
     tell = progress or (lambda stage, share: None)
     table, rng = RowTable.of(problem), np.random.default_rng([seed, 0])
-    model = LinearModel(table, Chart.of(problem), max_min(table))
     if np.isfinite(stop_at_index):
-        tell("first look", 0.0)
-        for look in _looks(problem):
-            soon = _first_good(look, model, rng, stop_at_index)
-            if soon is not None:
-                tell("done", 1.0)
-                return soon
+        soon = _first_good(problem, table, rng, tell, stop_at_index)
+        if soon is not None:
+            return soon
     tell("candidates", 0.0)
     screened = screen(problem, table, rng)
     starts = _starts(problem, screened)
     if not starts:
         return Attempt((), screened)
     tell("search", 0.2)
-    ended = climb(
-        problem,
-        model,
-        concatenated([s.view for s in starts]),
-        limits=Limits(enough=stop_at_index),
-    )
+    model = LinearModel(table, Chart.of(problem), max_min(table))
+    ended = climb(problem, model, _views(starts), limits=Limits(enough=stop_at_index))
     order = _ranking(ended)
     found = [_solution(problem, model, ended, k, starts[k]) for k in order]
     pieces = component_numbers(problem, ended.views.position_mm[order])
@@ -197,43 +128,80 @@ def searched(
     return Attempt(tuple(numbered), screened)
 
 
+def _first_good(
+    problem: PlanningProblem,
+    table: RowTable,
+    rng: np.random.Generator,
+    tell: Progress,
+    stop_at_index: float,
+) -> Attempt | None:
+    """The first view found that is good enough; None if short searches find none."""
+    tell("first look", 0.0)
+    within = distance_bounds_mm(problem)
+    model = LinearModel(table, Chart.of(problem), max_min(table))
+    for look in _looks(problem):
+        screened = glance(look, table, rng, within)
+        ended = _good_of(look, model, screened, stop_at_index)
+        if ended is None:
+            continue
+        tell("description", 0.9)
+        start, view, steps = ended
+        found = described(
+            problem, model, view, start=start.name, steps=steps, notes=start.notes
+        )
+        (piece,) = component_numbers(problem, view.position_mm)
+        tell("done", 1.0)
+        return Attempt((replace(found, component=piece),), screened)
+    return None
+
+
+def _good_of(
+    look: PlanningProblem,
+    model: LinearModel,
+    screened: Screened,
+    stop_at_index: float,
+) -> tuple[Start, Views, int] | None:
+    """A start, the view that is good enough, and how many steps lie between them."""
+    if len(screened.views) and screened.worst[0] >= stop_at_index:
+        best = screened.views[0]
+        return Start(best, _name(0)), best, 0
+    starts = _starts(look, screened)
+    if not starts:
+        return None
+    limits = Limits(steps=_FIRST_STEPS, enough=stop_at_index)
+    ended = climb(look, model, _views(starts), limits=limits)
+    k = int(np.argmax(ended.value))
+    if ended.value[k] < stop_at_index:
+        return None
+    return starts[k], ended.views[k], int(ended.steps[k])
+
+
 def _looks(problem: PlanningProblem) -> Iterator[PlanningProblem]:
-    """The same problem with few candidates and starts, twice as many every time."""
+    """The same problem with few candidates and starts, twice as many every time.
+
+    Nothing is looked at where only a person's own starts are to be searched from.
+    """
+    if not problem.starts:
+        return
     candidates, starts = _FIRST_CANDIDATES, _FIRST_STARTS
     while 2 * candidates <= problem.candidates:
         few = min(starts, problem.starts)
-        yield replace(problem, candidates=candidates, starts=few, user_starts=None)
+        yield replace(problem, candidates=candidates, starts=few)
         candidates, starts = 2 * candidates, 2 * starts
-
-
-def _first_good(
-    problem: PlanningProblem,
-    model: LinearModel,
-    rng: np.random.Generator,
-    stop_at_index: float,
-) -> Attempt | None:
-    """The first view found that is good enough; None if a short search finds none."""
-    screened = glance(problem, model.table, rng)
-    starts = _starts(problem, screened)
-    if not starts:
-        return None
-    view, steps, name = starts[0].view, 0, starts[0].name
-    if screened.worst[0] < stop_at_index:
-        views = concatenated([start.view for start in starts])
-        limits = Limits(steps=_FIRST_STEPS, enough=stop_at_index)
-        ended = climb(problem, model, views, limits=limits)
-        best = int(np.argmax(ended.value))
-        if ended.value[best] < stop_at_index:
-            return None
-        view, steps, name = ended.views[best], int(ended.steps[best]), starts[best].name
-    solution = described(problem, model, view, start=name, steps=steps)
-    return Attempt((solution,), screened)
 
 
 def _starts(problem: PlanningProblem, screened: Screened) -> list[Start]:
     chosen = distinct(problem, screened, problem.starts)
-    own = [Start(screened.views[int(k)], f"candidate {k + 1}") for k in chosen]
+    own = [Start(screened.views[int(k)], _name(int(k))) for k in chosen]
     return [*user_starts(problem, screened), *own]
+
+
+def _name(candidate: int) -> str:
+    return f"candidate {candidate + 1}"
+
+
+def _views(starts: list[Start]) -> Views:
+    return concatenated([start.view for start in starts])
 
 
 def _ranking(ended: Climbed) -> list[int]:
@@ -262,99 +230,6 @@ def _solution(
         steps=int(ended.steps[k]),
         notes=start.notes,
     )
-
-
-def described(
-    problem: PlanningProblem,
-    model: LinearModel,
-    view: Views,
-    *,
-    start: str,
-    steps: int = 0,
-    notes: tuple[str, ...] = (),
-) -> Solution:
-    """All that is known of one view: margins, indices, who binds."""
-    table = RowTable.of(problem)
-    linear = table.linearise(view, model.chart)
-    index = linear.index[0]
-    state = model.states(view, np.array([_PROBE_RADIUS]))[0]
-    step = model.solve(state, linear)
-    duals = Duals(np.zeros(len(index))) if step is None else step.duals
-    t = float(table.worst(linear.index)[0])
-    row = _binding_row(table, index, duals)
-    return Solution(
-        view=view,
-        index=index,
-        t=t,
-        first_stage_t=t,
-        status="admissible" if t >= 0 else "infeasible",
-        margins=margins(problem, view, index),
-        binding=table.kinds[row],
-        binding_row=table.labels[row],
-        duals=duals,
-        start=start,
-        stage="max-min",
-        steps=steps,
-        notes=tuple(dict.fromkeys((*notes, *_warnings(t)))),
-    )
-
-
-def _warnings(t: float) -> tuple[str, ...]:
-    if 0 <= t < _SAFE_SIGMA:
-        return (
-            f"admissible, but only {t:.2f} standard deviations from failing: expect "
-            "pictures that do not keep the specification",
-        )
-    return ()
-
-
-def evaluate(
-    problem: PlanningProblem, view: Views, *, start: str = "given"
-) -> Solution:
-    """A given view (N = 1), such as one of rounded motor steps, without any search."""
-    table = RowTable.of(problem)
-    model = LinearModel(table, Chart.of(problem), max_min(table))
-    return described(problem, model, view, start=start)
-
-
-def _binding_row(table: RowTable, index: FloatArray, duals: Duals) -> int:
-    """The row with the largest dual of the requirement with the largest share."""
-    if duals.rows.sum() <= 0:
-        return int(np.argmin(np.where(table.hard, np.inf, index)))
-    share = {kind: duals.rows[table.mask(kind)].sum() for kind in set(table.kinds)}
-    kind = max(sorted(share), key=lambda k: float(share[k]))
-    return int(np.argmax(np.where(table.mask(kind), duals.rows, -1.0)))
-
-
-def margins(
-    problem: PlanningProblem, view: Views, index: FloatArray
-) -> dict[Kind, KindMargin]:
-    """Worst margin of every requirement, in the plan's units and in sigmas.
-
-    Args:
-        problem: whose requirements.
-        view: N = 1.
-        index: (R,) sigma-indices of the view's rows.
-    """
-    found: dict[Kind, KindMargin] = {}
-    start = 0
-    for constraint in problem.constraints:
-        rows = index[start : start + len(constraint.labels)]
-        start += len(constraint.labels)
-        if not len(rows):
-            continue
-        report = margin_report(constraint, view)
-        margin = KindMargin(
-            float(report.value[0]),
-            report.unit,
-            float(rows.min()),
-            bool(report.unbounded[0]),
-            report.label(0),
-        )
-        known = found.get(constraint.kind)
-        if known is None or margin.index < known.index:
-            found[constraint.kind] = margin
-    return found
 
 
 def _second_stage(problem: PlanningProblem, best: Solution, seed: int) -> Solution:
