@@ -15,7 +15,6 @@ import os
 import signal
 import sys
 import threading
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from drivers.simulators.ur.faults import serve
@@ -38,7 +37,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         asyncio.run(_serve(options))
     except OSError as error:
-        _say({"ready": False, "message": str(error)})
+        hint = "is the address in use? host = 'auto' takes a free one"
+        _say({"ready": False, "message": str(error), "hint": hint})
         return 1
     return 0
 
@@ -139,8 +139,9 @@ def _world(address: str) -> WorldPort | None:
     """The world over its loopback link, where one was named."""
     if not address:
         return None
-    world: WorldPort = import_module("drivers.simulators.world_link").connect(address)
-    return world
+    from drivers.simulators.world_link import WorldClient
+
+    return WorldClient(address)
 
 
 def _say(line: dict[str, object]) -> None:

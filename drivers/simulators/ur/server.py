@@ -72,7 +72,7 @@ class WorldReporter:
             try:
                 self._world.report_arm(*report)
             except OSError:
-                _LOG.exception("the world does not listen any more")
+                _LOG.warning("the world does not listen any more")
                 return
 
 

@@ -2,45 +2,37 @@
 
 from __future__ import annotations
 
-import json
 import logging
-import queue
-import subprocess
-import sys
-import threading
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, ClassVar, Literal, Self, cast
 
 from pydantic import Field
 
+from drivers.simulators.own_process import OwnProcess
 from drivers.simulators.ur.profiles import DEFAULT_PROFILE, PROFILES
-from mvp.errors import ConfigError, ConnectError
+from mvp.devices import WorldBelief
+from mvp.errors import ConfigError
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
+    from drivers.simulators.world_port import WorldPort
     from mvp.devices import DeviceContext
 
 _LOG = logging.getLogger(__name__)
-_READY_S = 30.0
-_END_S = 5.0
+_MODEL = "ur5e"
+_Six = tuple[float, float, float, float, float, float]
 
 
 class UrSimulatorConfig(FileModel):
     """Keys of ``[simulators.arm]`` with ``kind = "ur"``.
 
-    ``world`` is HOST:PORT of the world that sees the arm; empty: nobody does.
+    ``model`` and ``joints_rad`` are those of the cell's world where there is one.
+    ``world`` is HOST:PORT of another world that sees the arm.
     """
 
     host: str = "auto"
     profile: str = DEFAULT_PROFILE
-    model: str = "ur5e"
-    joints_rad: tuple[float, float, float, float, float, float] = (
-        0.0,
-        -1.57,
-        1.57,
-        -1.57,
-        -1.57,
-        0.0,
-    )
+    model: str | None = None
+    joints_rad: _Six | None = None
     speed_scale: float = Field(default=1.0, gt=0)
     serial: str = Field(default="20225500123", pattern=r"^\d+$")
     on_protective_stop: Literal["pause", "stop"] = "pause"
@@ -61,11 +53,13 @@ class UrSimulator:
     own_process: ClassVar[bool] = True
     Config = UrSimulatorConfig
 
-    def __init__(self, config: UrSimulatorConfig, name: str) -> None:
+    def __init__(
+        self, config: UrSimulatorConfig, name: str, world: WorldPort | None = None
+    ) -> None:
         self.name = name
         self._config = config
-        self._process: subprocess.Popen[bytes] | None = None
-        self._ready: dict[str, object] = {}
+        self._world = world
+        self._process: OwnProcess | None = None
 
     @classmethod
     def from_config(
@@ -81,17 +75,19 @@ class UrSimulator:
                 f"{name}: there is no profile {config.profile!r}",
                 hint=f"there are: {', '.join(PROFILES)}",
             )
-        return cls(config, name)
+        sees = not config.world and hasattr(context.world, "report_arm")
+        world = cast("WorldPort | None", context.world if sees else None)
+        return cls(_as_in(context.world, config), name, world)
 
     @property
     def control_port(self) -> int:
         """Of the fault channel on 127.0.0.1; 0 while it does not run."""
-        return int(str(self._ready.get("control_port", 0)))
+        return int(str(self._said("control_port", 0)))
 
     @property
     def host(self) -> str:
         """The address it listens on; empty while it does not run."""
-        return str(self._ready.get("host", ""))
+        return str(self._said("host", ""))
 
     @property
     def pid(self) -> int:
@@ -105,27 +101,17 @@ class UrSimulator:
             ConnectError: it did not come up.
         """
         if self._process is None:
-            self._process = subprocess.Popen(
-                self._command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            self._process = OwnProcess(
+                self._command(), name=self.name, world=self._world
             )
-            self._ready = self._first_line(self._process)
             _LOG.debug("%s: listens on %s", self.name, self.host)
         return {"host": self.host}
 
     def stop(self) -> None:
         """End the process; more than once is allowed."""
         process, self._process = self._process, None
-        self._ready = {}
-        if process is None:
-            return
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                pipe.close()
-        try:
-            process.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        if process is not None:
+            process.end()
 
     def __enter__(self) -> Self:
         self.start()
@@ -134,46 +120,37 @@ class UrSimulator:
     def __exit__(self, *exc: object) -> None:
         self.stop()
 
+    def _said(self, key: str, otherwise: object) -> object:
+        return self._process.ready[key] if self._process else otherwise
+
     def _command(self) -> list[str]:
         config = self._config
         options: dict[str, object] = {
             "host": config.host,
             "profile": config.profile,
-            "model": config.model,
+            "model": config.model or _MODEL,
             "speed-scale": config.speed_scale,
             "serial": config.serial,
             "on-protective-stop": config.on_protective_stop,
             "unlock-delay": config.unlock_delay_s,
             "script-start": config.script_start_s,
         }
-        command = [sys.executable, "-m", "drivers.simulators.ur", "--end-with-stdin"]
+        command = ["drivers.simulators.ur"]
         command += [f"--{key}={value}" for key, value in options.items()]
         command += [f"--world={config.world}"] if config.world else []
         command += [] if config.remote else ["--local"]
-        return [*command, "--joints", *map(repr, config.joints_rad)]
+        joints = config.joints_rad
+        return command + (["--joints", *map(repr, joints)] if joints else [])
 
-    def _first_line(self, process: subprocess.Popen[bytes]) -> dict[str, object]:
-        """What it says when it is ready.
 
-        Raises:
-            ConnectError: nothing in time, or that it could not start.
-        """
-        lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        stdout = process.stdout
-        if stdout is None:
-            raise ValueError("the process has no standard output")
-        threading.Thread(
-            target=lambda: lines.put(stdout.readline()), daemon=True
-        ).start()
-        try:
-            said = json.loads(lines.get(timeout=_READY_S))
-        except (queue.Empty, ValueError):
-            said = {"message": "it ended, or said nothing in time"}
-        if not said.get("ready"):
-            self.stop()
-            raise ConnectError(
-                f"the simulated controller does not start: {said.get('message')}",
-                device=self.name,
-                hint="is the address in use? host = 'auto' takes a free one",
-            )
-        return dict(said)
+def _as_in(world: object, config: UrSimulatorConfig) -> UrSimulatorConfig:
+    """The configuration with the arm of the world where it names none."""
+    belief = getattr(world, "belief", None)
+    if not isinstance(belief, WorldBelief):
+        return config
+    return config.model_copy(
+        update={
+            "model": config.model or belief.arm_model,
+            "joints_rad": config.joints_rad or belief.start_joints,
+        }
+    )
