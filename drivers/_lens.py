@@ -13,8 +13,14 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 from pydantic import Field, ValidationError, model_validator
 
 from mvp.calibrated import LensTableCalibration
-from mvp.devices import AXES, Axis, TransportConfig
-from mvp.errors import CalibrationError, ConfigError, LimitError
+from mvp.devices import AXES, Axis, LensState, TransportConfig
+from mvp.errors import (
+    CalibrationError,
+    ConfigError,
+    DeviceTimeout,
+    LimitError,
+    MotionStopped,
+)
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
@@ -22,7 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from mvp.calibrated import AxisTable
-    from mvp.devices import Clock, LensState
+    from mvp.devices import Clock, Link
 
 _LOG = logging.getLogger(__name__)
 _RUN_UP = 1.5  # of the backlash, so that the last leg has taken it up for certain
@@ -240,6 +246,42 @@ class Deadline:
         return self._clock.now_s() >= self.end_s
 
 
+class Pace:
+    """Waiting during a motion, cut short by a stop and ended by the deadline.
+
+    Args:
+        link: of the device; a stop interrupts it.
+        clock: monotonic time.
+        name: of the device.
+    """
+
+    def __init__(self, link: Link, clock: Clock, name: str) -> None:
+        self._link = link
+        self._clock = clock
+        self._name = name
+
+    def pause(self, seconds: float, deadline: Deadline) -> None:
+        """Wait a moment.
+
+        Raises:
+            MotionStopped: a stop was asked for.
+            DeviceTimeout: the deadline has passed.
+        """
+        self._link.wait_until(self._clock.now_s() + min(seconds, deadline.left_s))
+        self.require_going()
+        if deadline.passed:
+            raise DeviceTimeout(
+                "did not arrive in time; it has been stopped",
+                device=self._name,
+                hint="does an axis stick, or is its sensor not seen?",
+            )
+
+    def require_going(self) -> None:
+        """Raise ``MotionStopped`` when a stop was asked for."""
+        if self._link.interrupted:
+            raise MotionStopped("stopped while it moved", device=self._name)
+
+
 def not_homed(name: str) -> LimitError:
     """The refusal to move before it is known where the motors are."""
     return LimitError(
@@ -257,6 +299,20 @@ def warn_untried(name: str, what: str) -> None:
 def steps_of(state: LensState) -> Steps:
     """The three positions by axis."""
     return {"zoom": state.zoom, "focus": state.focus, "iris": state.iris}
+
+
+def state_of(
+    steps: Mapping[Axis, int], *, homed: bool, standing: bool, estimated: bool = False
+) -> LensState:
+    """The state of a lens at these steps."""
+    return LensState(
+        zoom=steps["zoom"],
+        focus=steps["focus"],
+        iris=steps["iris"],
+        homed=homed,
+        standing=standing,
+        position_is_estimated=estimated,
+    )
 
 
 def nothing_to_begin() -> None:

@@ -15,15 +15,17 @@ from typing import TYPE_CHECKING, ClassVar, Self
 from drivers._lens import (
     Deadline,
     LensAxes,
+    Pace,
     Steps,
     not_homed,
     nothing_to_begin,
+    state_of,
     steps_of,
     warn_untried,
 )
 from drivers._scf4 import COUNTER, UPPER, Scf4Config, Scf4Motor, Scf4Wire, words
 from mvp.devices import AXES, Axis, DeviceContext, DeviceInfo, LensState, Link, Role
-from mvp.errors import DeviceError, DeviceFault, DeviceTimeout, MotionStopped
+from mvp.errors import DeviceError, DeviceFault
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -62,6 +64,7 @@ class Scf4Lens:
         self._link = Link(
             name, context.clock, connect=self._connect, disconnect=self._disconnect
         )
+        self._pace = Pace(self._link, context.clock, name)
         self._lock = threading.Lock()
         self._identity = ("", "", "", "")
         self._homed = False
@@ -209,13 +212,7 @@ class Scf4Lens:
                 _LOG.warning("%s: the counters changed, home is lost", self.name)
                 self._homed = False
             homed = self._homed
-        return LensState(
-            zoom=status.steps["zoom"],
-            focus=status.steps["focus"],
-            iris=status.steps["iris"],
-            homed=homed,
-            standing=status.standing,
-        )
+        return state_of(status.steps, homed=homed, standing=status.standing)
 
     def _begin_moving(self, *, homed: bool) -> None:
         with self._lock:
@@ -279,7 +276,7 @@ class Scf4Lens:
         steps = _SEEK_STEPS if upwards else -_SEEK_STEPS
         self._wire.order(f"M231 {letter}", f"G0 {letter}{steps:+d}")
         while True:
-            self._pause(_POLL_S, deadline)
+            self._pace.pause(_POLL_S, deadline)
             status = self._wire.status()
             if status.sensor[axis] == upwards and not status.moving[axis]:
                 return
@@ -315,7 +312,7 @@ class Scf4Lens:
         started = Deadline(self._clock, _START_S)
         seen = False
         while True:
-            self._pause(_POLL_S, deadline)
+            self._pace.pause(_POLL_S, deadline)
             status = self._wire.status()
             there = all(status.steps[axis] == step for axis, step in target.items())
             seen = seen or not status.standing
@@ -323,7 +320,7 @@ class Scf4Lens:
                 break
             if status.standing and (seen or started.passed):
                 raise self._elsewhere(status.steps, target)
-        self._pause(self._config.settle_s, deadline)
+        self._pace.pause(self._config.settle_s, deadline)
 
     def _elsewhere(self, steps: Steps, target: Mapping[Axis, int]) -> DeviceFault:
         with self._lock:
@@ -334,18 +331,6 @@ class Scf4Lens:
             code="position",
             hint="it restarted, or the line is disturbed; home it again",
         )
-
-    def _pause(self, seconds: float, deadline: Deadline) -> None:
-        """Wait a moment; notice a stop and the deadline."""
-        self._link.wait_until(self._clock.now_s() + min(seconds, deadline.left_s))
-        if self._link.interrupted:
-            raise MotionStopped("stopped while it moved", device=self.name)
-        if deadline.passed:
-            raise DeviceTimeout(
-                "did not arrive in time; it has been stopped",
-                device=self.name,
-                hint="does an axis stick, or is its sensor not seen?",
-            )
 
     @contextmanager
     def _halting(self) -> Iterator[None]:

@@ -17,9 +17,11 @@ from typing import TYPE_CHECKING, ClassVar, Self
 from drivers._lens import (
     Deadline,
     LensAxes,
+    Pace,
     Steps,
     not_homed,
     nothing_to_begin,
+    state_of,
     steps_of,
     warn_untried,
 )
@@ -33,7 +35,7 @@ from drivers._theia import (
     to_switch_frame,
 )
 from mvp.devices import Axis, DeviceContext, DeviceInfo, LensState, Link, Role
-from mvp.errors import DeviceError, DeviceFault, DeviceTimeout, MotionStopped
+from mvp.errors import DeviceError, DeviceFault, DeviceTimeout
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -67,6 +69,7 @@ class TheiaLens:
         self._link = Link(
             name, context.clock, connect=self._connect, disconnect=self._disconnect
         )
+        self._pace = Pace(self._link, context.clock, name)
         self._lock = threading.Lock()
         self._identity = ("", "")
         self._counted: Steps = {"zoom": 0, "focus": 0, "iris": 0}
@@ -129,11 +132,11 @@ class TheiaLens:
         """
         self._link.require_open()
         with self._lock:
-            return LensState(
-                **self._counted,
+            return state_of(
+                self._counted,
                 homed=self._homed,
                 standing=not self._turning,
-                position_is_estimated=True,
+                estimated=True,
             )
 
     def home(self, *, timeout_s: float) -> LensState:
@@ -153,7 +156,7 @@ class TheiaLens:
                 self._set_up(axis)
             for axis in _HOME_ORDER:
                 self._home_axis(axis, deadline)
-            self._require_not_stopped()
+            self._pace.require_going()
             with self._lock:
                 self._homed = True
         return self.state()
@@ -184,7 +187,7 @@ class TheiaLens:
             for leg in legs:
                 for axis, target in leg.items():
                     self._shift(axis, target, deadline)
-            self._require_not_stopped()
+            self._pace.require_going()
             self._axes.engage()
         return self.state()
 
@@ -300,7 +303,7 @@ class TheiaLens:
         Raises:
             DeviceTimeout: no answer; where the motor is, is unknown from now on.
         """
-        self._require_not_stopped()
+        self._pace.require_going()
         if expected_s > deadline.left_s:
             raise DeviceTimeout(
                 "no time is left for the next motion; nothing more was sent",
@@ -321,10 +324,6 @@ class TheiaLens:
             if not self._wire.session.out_of_step:
                 self._on_late()
         self._link.wait_until(self._clock.now_s() + self._config.rest_s)
-
-    def _require_not_stopped(self) -> None:
-        if self._link.interrupted:
-            raise MotionStopped("stopped between two motions", device=self.name)
 
 
 def _beyond_steps(motor: TheiaMotor) -> int:

@@ -6,8 +6,10 @@ import pytest
 
 from drivers.lens_scf4 import Scf4Lens
 from drivers.lens_theia import TheiaLens
+from drivers.lens_visca import ViscaLens
 from drivers.simulators.scf4 import Scf4Simulator
 from drivers.simulators.theia import TheiaSimulator
+from drivers.simulators.visca import ViscaSimulator
 from mvp.devices import DeviceContext, Lens
 from mvp.testing import LensConformance
 
@@ -58,4 +60,19 @@ class TestTheia(OnASimulator, LensConformance):
         },
         "focus": {"low": 200, "high": 7900, "backlash_steps": 60},
         "iris": {"low": 5, "high": 75, "backlash_steps": 0},
+    }
+
+
+class TestVisca(OnASimulator, LensConformance):
+    simulator = ViscaSimulator
+    driver = ViscaLens
+    keys: ClassVar = {
+        "zoom": {
+            "low": 0,
+            "high": 0x3F00,
+            "approach": "from_above",
+            "backlash_steps": 20,
+        },
+        "focus": {"low": 0x1100, "high": 0xE000, "backlash_steps": 20},
+        "iris": {"low": 0, "high": 0x11},
     }
