@@ -23,16 +23,10 @@ from drivers._lens import (
     steps_of,
     warn_untried,
 )
-from drivers._visca import (
-    ViscaConfig,
-    ViscaWire,
-)
+from drivers._visca import ViscaConfig, ViscaWire
 from drivers._visca_motion import ViscaMotion
 from mvp.devices import AXES, Axis, DeviceContext, DeviceInfo, LensState, Link, Role
-from mvp.errors import LimitError, (
-    DeviceError,
-    DeviceFault,
-)
+from mvp.errors import DeviceError, DeviceFault, LimitError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
