@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from mvp.constraints import FocusFar, FocusNear, Resolution
+from mvp.constraints import FocusFar, FocusNear, Resolution, Visibility, Workspace
 from mvp.optics.thick_lens import focus_distance_mm
 from mvp.optics.views import concatenated
 from mvp.planning.blockers import FaceName, blocking_faces
@@ -19,11 +19,13 @@ from mvp.planning.relaxation import (
     in_words,
     needed,
     relaxed,
+    sensible,
 )
 from mvp.planning.rows import RowTable
 from mvp.planning.search import Limits, climb
 from mvp.planning.solve import Attempt, searched
 from mvp.planning.step import JUST_INSIDE, LinearModel, max_min, relax_kinds
+from mvp.visibility import Region
 
 if TYPE_CHECKING:
     from mvp.constraints import Kind
@@ -93,6 +95,8 @@ def knob_cure(
 
     None when no such view was found, or planning with it did not confirm it.
     """
+    if knob == "visibility":
+        problem = _walled(problem)
     table, chart = RowTable.of(problem), Chart.of(problem)
     table = replace(table, fixed_scales=_fixed_scales(problem, knob))
     merit = relax_kinds(table, KINDS_OF[knob])
@@ -100,12 +104,24 @@ def knob_cure(
     ended = climb(problem, LinearModel(table, chart, merit), starts)
     kept = np.flatnonzero(merit.shortfall(ended.index) <= JUST_INSIDE)
     amounts = [(int(k), needed(problem, ended.views[int(k)], knob)) for k in kept]
-    amounts = [(k, a) for k, a in amounts if a.sensible]
+    amounts = [(k, a) for k, a in amounts if sensible(problem, a)]
     if not amounts:
         return None
     sign = -1.0 if knob == "resolution" else 1.0
     k, amount = min(amounts, key=lambda pair: sign * pair[1].factor)
     return _confirmed(problem, ended.views[k], amount, namer)
+
+
+def _walled(problem: PlanningProblem) -> PlanningProblem:
+    """With the workspace as a requirement of its own where its walls were facets.
+
+    Seeing through what hides a feature does not let the camera through a wall.
+    """
+    regions = [c.region for c in problem.constraints if isinstance(c, Visibility)]
+    if not any(isinstance(region, Region) and region.walls for region in regions):
+        return problem
+    walls = Workspace(problem.workspace)
+    return replace(problem, constraints=(*problem.constraints, walls))
 
 
 def _fixed_scales(problem: PlanningProblem, knob: Knob) -> dict[Kind, float]:

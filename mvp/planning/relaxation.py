@@ -20,6 +20,7 @@ from mvp.geometry import Box
 
 if TYPE_CHECKING:
     from mvp.constraints import Constraint, Kind
+    from mvp.geometry import FloatArray
     from mvp.optics import Views
     from mvp.planning.problem import PlanningProblem
 
@@ -37,8 +38,14 @@ KINDS_OF: dict[Knob, tuple[Kind, ...]] = {
 """Requirements that one knob of the task turns, cheapest for the user first."""
 
 
-_SENSIBLE: dict[Knob, float] = {"resolution": 0.02, "blur": 6.0, "field_of_view": 2.0}
-"""Factors beyond which a change is no advice any more."""
+_SENSIBLE: dict[Knob, float] = {"blur": 6.0, "field_of_view": 3.0}
+"""Factors beyond which a change is no advice any more.
+
+Six times the blur turns a sharp line into a band in which neighbours merge; three
+times the picture is more than from a half-inch sensor to the largest that the same
+mount takes. Resolution has no such factor: who asked for 0.01 mm is helped by hearing
+that 0.4 mm can be had. Its limit is that the detail stays smaller than the features.
+"""
 
 
 @dataclass(frozen=True)
@@ -54,19 +61,37 @@ class Amount:
     knob: Knob
     factor: float
 
-    @property
-    def sensible(self) -> bool:
-        """Whether anybody would do it."""
-        limit = _SENSIBLE.get(self.knob, np.inf)
-        if self.knob == "resolution":
-            return self.factor >= limit
-        return self.factor <= limit and bool(np.isfinite(self.factor))
-
     def more(self, step: float = 0.01) -> Amount:
         """A little further."""
         if self.knob == "resolution":
             return replace(self, factor=self.factor * (1 - step))
         return replace(self, factor=self.factor * (1 + step))
+
+
+def sensible(problem: PlanningProblem, amount: Amount) -> bool:
+    """Whether anybody would turn a knob that far, and would still be asking for it.
+
+    Fewer pixels per detail are the same as a larger detail in as many pixels. Once that
+    detail is as large as all features together, nothing is asked of the picture.
+    """
+    if not 0 < amount.factor < np.inf:
+        return False
+    if amount.knob == "resolution":
+        largest_mm = amount.factor * 2 * problem.target_radius_mm
+        return _detail_mm(problem) <= largest_mm
+    return amount.factor <= _SENSIBLE.get(amount.knob, np.inf)
+
+
+def _detail_mm(problem: PlanningProblem) -> float:
+    """The largest detail that is asked for, mm."""
+    asked = [c for c in problem.constraints if isinstance(c, Resolution)]
+    return max((float(_details_mm(c).max(initial=0.0)) for c in asked), default=0.0)
+
+
+def _details_mm(constraint: Resolution) -> FloatArray:
+    """The length that each row (R,) must resolve, mm."""
+    pieces = constraint.ends_mm - constraint.starts_mm
+    return np.asarray(np.linalg.norm(pieces, axis=1))
 
 
 def needed(problem: PlanningProblem, view: Views, knob: Knob) -> Amount:
@@ -119,10 +144,18 @@ def _rounded(knob: Knob, factor: float) -> float:
     if not np.isfinite(factor):
         return factor
     if knob == "resolution":
-        return max(float(np.floor(factor * 100) / 100), 0.0)
+        return two_digits(factor, up=False) if factor > 0 else 0.0
     if knob in ("workspace", "visibility"):
         return float(np.ceil(factor))
     return float(np.ceil(factor * 100) / 100)
+
+
+def two_digits(value: float, *, up: bool) -> float:
+    """A positive number with two significant digits, never on the other side of it."""
+    digits = 1 - int(np.floor(np.log10(value)))
+    scaled = value * 10.0**digits
+    whole = np.ceil(scaled - 1e-9) if up else np.floor(scaled + 1e-9)
+    return round(float(whole) / 10.0**digits, digits)
 
 
 def relaxed(problem: PlanningProblem, amount: Amount) -> PlanningProblem:
@@ -183,9 +216,12 @@ def _words(constraint: Constraint, view: Views, factor: float) -> str:
             value = constraint.rows(view, gradient=False).value[0]
             row = int(np.argmin(value / constraint.required_px))
             asked = float(constraint.required_px[row])
+            detail_mm = float(_details_mm(constraint)[row])
             return (
-                f"ask {asked * factor:.2g} px instead of {asked:.3g} px per detail "
-                f"({factor:.2f} of the resolution; {constraint.labels[row]})"
+                f"ask {two_digits(asked * factor, up=False):g} px instead of "
+                f"{asked:.3g} px per detail, or those for a detail of "
+                f"{two_digits(detail_mm / factor, up=True):g} mm instead of "
+                f"{detail_mm:.3g} mm ({constraint.labels[row]})"
             )
         case FocusNear() | FocusFar():
             c_um = 1e3 * constraint.c_mm

@@ -47,20 +47,20 @@ class ClutterBox:
         above_mm: least height of the camera over the lid.
     """
 
-    half_width_mm: float = 220.0
-    wall_mm: float = 3.0
+    half_width_mm: float = 210.0
+    wall_mm: float = 1.5
     floor_mm: float = -12.7
-    lid_mm: float = 36.0
+    lid_mm: float = 34.0
     holes: tuple[int, ...] = (5, 5, 4)
-    hole_radius_mm: float = 36.0
-    hole_sides: int = 54
-    hole_pitch_mm: tuple[float, float] = (80.0, 78.0)
+    hole_radius_mm: float = 34.0
+    hole_sides: int = 48
+    hole_pitch_mm: tuple[float, float] = (76.0, 74.0)
     pillars: int = 4
     pillar_radius_mm: float = 4.0
-    pillar_top_mm: float = 32.0
-    pillar_pitch_mm: float = 56.0
+    pillar_top_mm: float = 30.0
+    pillar_pitch_mm: float = 54.0
     cube_mm: float = 25.4
-    above_mm: float = 2.0
+    above_mm: float = 0.5
 
     @property
     def top_mm(self) -> float:

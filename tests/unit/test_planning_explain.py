@@ -23,7 +23,9 @@ from mvp.planning import (
     solve,
 )
 from mvp.planning.blockers import blocking_faces
+from mvp.testing.clutter_scene import clutter_scene
 from mvp.testing.planning_scenes import (
+    IMAGE_DIAMETER_MM,
     PlanningScene,
     paper_view,
     race_scene,
@@ -50,6 +52,15 @@ def _lens(low: float, high: float, a_mm: float = 0.78125) -> LensBounds:
 def too_far_focus() -> tuple[PlanningProblem, Attempt, Explanation]:
     problem = race().problem(
         stricter=6, lens=_lens(12.75, 12.80), starts=8, candidates=20_000
+    )
+    failed = attempt(problem, seed=SEED)
+    return problem, failed, explain(problem, failed, seed=SEED)
+
+
+@cache
+def too_near_focus() -> tuple[PlanningProblem, Attempt, Explanation]:
+    problem = clutter_scene().problem(
+        lens=_lens(14.6, 15.0, a_mm=3.125), starts=12, candidates=20_000
     )
     failed = attempt(problem, seed=SEED)
     return problem, failed, explain(problem, failed, seed=SEED)
@@ -88,7 +99,8 @@ def test_the_smallest_relaxations_are_found_in_the_users_words():
     _, _, why = too_far_focus()
     cures = {cure.kind: cure for cure in why.cures}
     assert cures["resolution"].value == pytest.approx(0.625, abs=0.015)
-    assert "ask 3.7 px instead of 6 px" in cures["resolution"].text
+    assert "ask 3.7 px instead of 6 px per detail" in cures["resolution"].text
+    assert "a detail of 4.1 mm instead of 2.54 mm" in cures["resolution"].text
     assert 1e3 * 0.0135 * cures["blur"].value == pytest.approx(34.2, rel=0.02)
     assert "c = 34 um instead of 13.5" in cures["blur"].text
     assert cures["lens"].value > 12.80
@@ -97,8 +109,10 @@ def test_the_smallest_relaxations_are_found_in_the_users_words():
     assert why.fix
 
 
-def test_every_cure_makes_the_task_possible_when_planned_again():
-    _, _, why = too_far_focus()
+@pytest.mark.parametrize("example", [too_far_focus, too_near_focus])
+def test_every_cure_makes_the_task_possible_when_planned_again(example):
+    _, _, why = example()
+    assert why.cures
     for cure in why.cures:
         assert cure.index >= 0
         assert evaluate(cure.problem, cure.view).status == "admissible"
@@ -121,6 +135,49 @@ def test_the_nearest_view_is_plain_data_for_the_plan():
     assert data["smallest_index"] == why.nearest.t
     assert len(data["position_mm"]) == 3
     assert data["d_mm"] == pytest.approx(12.8)
+
+
+def test_a_fast_lens_that_only_focuses_near_cannot_hold_both_ends_sharp():
+    _, failed, why = too_near_focus()
+    assert failed.solutions[0].status == "infeasible"
+    assert failed.solutions[0].t == pytest.approx(-1.8, abs=0.4)
+    weight = {c.name: c.weight for c in why.conflicts}
+    assert set(weight) == {
+        "d_min",
+        "focus_near",
+        "focus_far",
+        "visibility",
+        "field_of_view",
+    }
+    assert weight["focus_far"] == pytest.approx(0.48, abs=0.08)
+    assert weight["focus_near"] == pytest.approx(0.42, abs=0.08)
+    assert weight["visibility"] < 0.15
+    assert weight["field_of_view"] < 0.15
+    assert "focus cannot be set farther than d = 14.600 mm (sharp at 87" in why.reason
+    assert "lens range is the cause" in why.reason
+
+
+def test_what_helps_the_fast_lens_is_said_in_the_users_words():
+    _, _, why = too_near_focus()
+    cures = {cure.kind: cure for cure in why.cures}
+    assert set(cures) == {"lens", "blur", "field_of_view"}
+    assert cures["lens"].value < 14.6
+    assert "needs d down to" in cures["lens"].text
+    assert "instead of 14.600" in cures["lens"].text
+    # Near and far share one c, so that less is needed than where one gives way alone.
+    assert 13.5 < 13.5 * cures["blur"].value < 38.7
+    assert "um instead of 13.5" in cures["blur"].text
+    assert "mm wide instead of 6.47" in cures["field_of_view"].text
+    assert set(why.no_help) == {"resolution", "visibility"}
+
+
+def test_the_field_that_helps_the_fast_lens_is_wider_by_the_features_own_size():
+    """The camera looks level from above: the features lie at the picture's edge."""
+    _, _, why = too_near_focus()
+    cure = next(cure for cure in why.cures if cure.kind == "field_of_view")
+    wider_mm = (cure.value - 1) * IMAGE_DIAMETER_MM
+    at_part_mm = wider_mm * 86.9 / float(cure.view.f_cal_mm[0])
+    assert at_part_mm == pytest.approx(36, abs=8)
 
 
 @pytest.mark.full
