@@ -80,7 +80,8 @@ def build_scene(cell: LoadedCell, task: LoadedTask) -> TaskScene:
     requirements = {
         f.id: f.resolution or task.config.resolution for f in task.config.features
     }
-    return TaskScene(Scene(part.mesh, moved, features), part, requirements, fixtures)
+    scene = Scene(part.mesh, moved, features, fixtures)
+    return TaskScene(scene, part, requirements, fixtures)
 
 
 def _fixture(cell: LoadedCell, fixture: FixtureConfig) -> TriangleMesh:

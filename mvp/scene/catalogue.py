@@ -28,8 +28,11 @@ if TYPE_CHECKING:
     from mvp.scene.features import Feature, Kind
     from mvp.scene.hole_feature import HoleFeature
 
-SMALLEST_EDGE_MM = 0.1
-SMALLEST_FACE_MM2 = 0.5
+# What is listed is at least this part of the diagonal of the part's box long, or a
+# square of that side large: relative, so that a file read in another unit has the same
+# features with the same ids. On a part of 1 m: 0.1 mm and 0.56 mm^2.
+_SHORTEST_EDGE = 1e-4
+_SMALLEST_FACE = 7.5e-4
 # Sides of a polygon that stands for a curve turn by less than this.
 _CURVE_RAD = np.deg2rad(40.0)
 _SIMILAR_LENGTH = 1.2
@@ -201,14 +204,23 @@ def extract_features(
         ids = face_groups(mesh)
         grouped = TriangleMesh(mesh.vertices_mm, mesh.faces, ids, mesh.name)
     edges = cad_edges(grouped, min_angle_deg=min_angle_deg)
-    straight = ~_on_curve(edges) & (edges.length_mm >= SMALLEST_EDGE_MM)
+    shortest_mm = _SHORTEST_EDGE * _diagonal_mm(mesh)
+    straight = ~_on_curve(edges) & (edges.length_mm >= shortest_mm)
     return FeatureCatalogue(
-        grouped, edges.subset(straight), find_holes(grouped), _faces(grouped)
+        grouped, edges.subset(straight), find_holes(grouped), planar_faces(grouped)
     )
 
 
-def _faces(mesh: TriangleMesh) -> tuple[IntArray, ...]:
-    """Triangles of each planar face, largest first."""
+def _diagonal_mm(mesh: TriangleMesh) -> float:
+    if not len(mesh.vertices_mm):
+        return 0.0
+    return float(np.linalg.norm(np.ptp(mesh.vertices_mm, axis=0)))
+
+
+def planar_faces(mesh: TriangleMesh) -> tuple[IntArray, ...]:
+    """Triangles of each planar face, largest first: F1, F2, ..."""
+    if not len(mesh.faces):
+        return ()
     patch = planar_patches(mesh)
     pairs = np.unique(np.column_stack([mesh.face_ids, patch]), axis=0)
     _, index, count = np.unique(pairs[:, 0], return_inverse=True, return_counts=True)
@@ -218,7 +230,8 @@ def _faces(mesh: TriangleMesh) -> tuple[IntArray, ...]:
     starts = np.flatnonzero(np.r_[True, np.diff(patch[order]) > 0])[1:]
     groups = [g for g in np.split(order, starts) if len(g) and not curved[patch[g[0]]]]
     measured = [patch_measures(mesh, group) for group in groups]
-    kept = [i for i, m in enumerate(measured) if m[0] >= SMALLEST_FACE_MM2]
+    smallest_mm2 = (_SMALLEST_FACE * _diagonal_mm(mesh)) ** 2
+    kept = [i for i, m in enumerate(measured) if m[0] >= smallest_mm2]
     if not kept:
         return ()
     size = np.array([measured[i][0] for i in kept])

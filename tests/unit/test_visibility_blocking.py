@@ -6,6 +6,8 @@ import pytest
 from mvp.geometry import (
     Box,
     FeaturePiece,
+    Pose,
+    TriangleMesh,
     box_mesh,
 )
 from mvp.scene import Scene, extract_features, paper_object
@@ -36,19 +38,57 @@ def named(faces):
 
 
 def face_towards(mesh, normal):
-    """Number, from 1, of the face of a mesh that looks along a direction."""
-    index = np.flatnonzero((mesh.normals @ normal) > 0.99)[0]
-    return int(mesh.face_ids[index]) + 1
+    """Catalogue id of the face of a mesh that looks along a direction."""
+    faces = [e for e in extract_features(mesh).entries if e.kind == "face"]
+    return next(e.id for e in faces if e.direction @ normal > 0.99)
 
 
-def test_a_face_is_named_by_its_body_and_counted_within_it():
-    assert SCENE.face_name(0) == "face 1 of part"
-    assert SCENE.face_name(5) == "face 6 of part"
-    assert SCENE.face_name(6) == "face 1 of fixture post"
-    assert SCENE.face_name(17) == "face 6 of fixture clamp"
+def test_a_face_is_named_as_the_catalogue_of_its_body_lists_it():
+    names = [SCENE.face_name(face) for face in range(18)]
+    assert set(names[:6]) == {f"face F{n} of part" for n in range(1, 7)}
+    assert set(names[6:12]) == {f"face F{n} of fixture post" for n in range(1, 7)}
+    assert names[12].endswith("of fixture clamp")
+    for face, name in enumerate(names[:6]):
+        listed = extract_features(PART).feature(name.split()[1])
+        members = np.flatnonzero(PART.face_ids == face)
+        assert PART.normals[members[0]] @ listed.normal > 0.99
     for nobody in (-1, 18):
         with pytest.raises(KeyError):
             SCENE.face_name(nobody)
+
+
+def test_a_fixture_that_stands_turned_keeps_the_names_of_its_file():
+    turned = Pose.from_rotvec("part", "base", [0, 0, 1.5], [5, 0, 0])
+    scene = Scene(PART, (CLAMP.moved(turned),), (), (CLAMP,))
+    alone = Scene(CLAMP, (), ())
+    for face in range(6):
+        name = alone.face_name(face).replace("part", "fixture clamp")
+        assert scene.face_name(6 + face) == name
+
+
+def test_a_face_that_no_list_names_is_told_by_a_point_on_it():
+    turn = np.linspace(0, 2 * np.pi, 33)[:-1]
+    ring = np.column_stack([10 * np.cos(turn), 10 * np.sin(turn)])
+    low = np.column_stack([ring, np.zeros(32)])
+    high = np.column_stack([ring, np.full(32, 30.0)])
+    i, j = np.arange(32), (np.arange(32) + 1) % 32
+    side = np.concatenate(
+        [np.column_stack([i, j, j + 32]), np.column_stack([i, j + 32, i + 32])]
+    )
+    cap = np.column_stack([np.zeros(30, int), i[1:31], i[2:32]])
+    faces = np.concatenate([side, cap[:, ::-1], cap + 32])
+    ids = np.repeat([0, 1, 2], [64, 30, 30])
+    scene = Scene(TriangleMesh(np.concatenate([low, high]), faces, ids), (), ())
+    name = scene.face_name(0)
+    assert name.startswith("a curved face near (")
+    assert name.endswith(") mm of part")
+    place = [float(v) for v in name[name.index("(") + 1 : name.index(")")].split(",")]
+    assert np.hypot(place[0], place[1]) == pytest.approx(10, abs=0.3)
+    assert 0 < place[2] < 30
+    assert {scene.face_name(1), scene.face_name(2)} == {
+        "face F1 of part",
+        "face F2 of part",
+    }
 
 
 def test_the_face_before_a_feature_is_the_one_that_blocks_it():
