@@ -9,13 +9,12 @@ from pydantic import Field
 
 from drivers.simulators.own_process import OwnProcess
 from drivers.simulators.ur.profiles import DEFAULT_PROFILE, PROFILES
-from mvp.devices import WorldBelief
 from mvp.errors import ConfigError
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
     from drivers.simulators.world_port import WorldPort
-    from mvp.devices import DeviceContext
+    from mvp.devices import DeviceContext, WorldBelief
 
 _LOG = logging.getLogger(__name__)
 _MODEL = "ur5e"
@@ -145,8 +144,8 @@ class UrSimulator:
 
 def _as_in(world: object, config: UrSimulatorConfig) -> UrSimulatorConfig:
     """The configuration with the arm of the world where it names none."""
-    belief = getattr(world, "belief", None)
-    if not isinstance(belief, WorldBelief):
+    belief = cast("WorldBelief | None", getattr(world, "belief", None))
+    if belief is None:
         return config
     return config.model_copy(
         update={
