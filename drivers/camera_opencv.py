@@ -48,7 +48,11 @@ class OpencvCameraConfig(FileModel):
     )
     width_px: int | None = Field(default=None, ge=1)
     height_px: int | None = Field(default=None, ge=1)
-    fps: float | None = Field(default=None, gt=0, description="USB cameras only")
+    fps: float | None = Field(
+        default=None,
+        gt=0,
+        description="nominal frame rate, set on USB cameras; 1 / period_s when missing",
+    )
     fourcc: str = Field(default="", pattern="^(....)?$", description="USB only")
     period_s: float = Field(
         default=0.1,
@@ -243,8 +247,9 @@ class OpencvCamera:
             opened.capture.release()
             raise
         self._opened = opened
+        shortest_s = 1 / config.fps if config.fps else config.period_s
         self._reader = Reader(
-            opened.capture, self._clock, period_s=config.period_s, name=self.name
+            opened.capture, self._clock, period_s=shortest_s, name=self.name
         )
         self._reader.start()
 

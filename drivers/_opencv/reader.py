@@ -43,7 +43,7 @@ class ArrivalBound:
     """
 
     def __init__(self, period_s: float) -> None:
-        self._waited_s = period_s / 2
+        self._waited_s = period_s / 2  # period: the shortest there is
         self._in_a_row = 0
         self._empty_s = -math.inf
 
@@ -66,7 +66,8 @@ class Reader:
 
     Args:
         capture: owned from now on; released by ``stop``.
-        period_s: longest time between two frames.
+        period_s: shortest time between two frames; a grab that took half of it had
+            to wait.
     """
 
     def __init__(

@@ -44,9 +44,13 @@ def kind_of(source: str, folder: Path) -> Kind:
     """What an address means: a device, a URL, a film or a folder of pictures."""
     if "://" in source:
         return "stream"
-    if source.startswith("/dev/") or (_BY_ID / source).exists() or source.isdigit():
-        return "v4l2"
-    return "folder" if (folder / source).is_dir() else "file"
+    path = folder / source
+    if path.is_dir():
+        return "folder"
+    if path.is_file():
+        return "file"
+    named = source.startswith("/dev/") or source.isdigit()
+    return "v4l2" if named or (_BY_ID / source).exists() else "file"
 
 
 def v4l2_devices() -> tuple[Path, ...]:

@@ -14,7 +14,7 @@ import json
 import logging
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self, cast
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
@@ -59,10 +59,8 @@ class MjpegSimulator:
         cls, config: MjpegSimulatorConfig, context: DeviceContext, *, name: str
     ) -> Self:
         """Build it; starts nothing."""
-        world: WorldPort | None = None
-        if hasattr(context.world, "frame_size"):
-            world = context.world
-        return cls(config, world, name)
+        seen = context.world if hasattr(context.world, "frame_size") else None
+        return cls(config, cast("WorldPort | None", seen), name)
 
     @property
     def control_port(self) -> int:
@@ -84,6 +82,7 @@ class MjpegSimulator:
         return {
             "source": f"{base}/video",
             "control_url": f"{base}/control?{query}",
+            "fps": config.fps,
             "period_s": max(1 / config.fps, config.latency_s),
             "exposure_min_s": config.exposure_min_s,
             "exposure_max_s": config.exposure_max_s,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.02
-_TAIL_S = 1.0
+_TAIL_S = 0.2
 
 
 class MjpegSimulatorConfig(FileModel):
@@ -88,6 +88,8 @@ class Shutter:
     def stop(self) -> None:
         """End; safe to repeat."""
         self._ending.set()
+        with self._changed:
+            self._changed.notify_all()
         if self._thread is not None:
             self._thread.join()
         self._thread = None
@@ -100,7 +102,7 @@ class Shutter:
     def wait(self, seen: int) -> tuple[int, bytes] | None:
         """The next picture after number ``seen``; None when there is none yet."""
         with self._changed:
-            self._changed.wait_for(lambda: self.number > seen, _TAIL_S)
+            self._changed.wait_for(lambda: self.number > seen or self.ending, _TAIL_S)
             if self.number <= seen or self._late():
                 return None
             return self.number, self._jpeg

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import logging
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
@@ -9,20 +11,31 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from mvp.devices import Camera
-from mvp.errors import ConnectError, DeviceTimeout, LimitError, MotionStopped
+from mvp.errors import (
+    ConnectError,
+    DeviceFault,
+    DeviceTimeout,
+    LimitError,
+    MotionStopped,
+)
 from mvp.testing.conformance import TIMEOUT_S, DeviceConformance
-from mvp.testing.require import meanwhile, refuses, require
+from mvp.testing.require import meanwhile, refuses, require, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from mvp.devices import Role
+    from mvp.devices import Frame, Role
 
 
 class CameraConformance(DeviceConformance):
-    """Promises of ``mvp.devices.Camera``."""
+    """Promises of ``mvp.devices.Camera``.
+
+    Attributes:
+        asleep_s: longer than it takes to fill any queue of frames.
+    """
 
     role: ClassVar[Role] = "camera"
+    asleep_s: ClassVar[float] = 1.5
 
     def device(self) -> Camera:
         """A new camera, not yet opened."""
@@ -63,6 +76,76 @@ class CameraConformance(DeviceConformance):
                     frame.received_s >= frame.exposure_start_s + frame.exposure_s,
                     "received before its exposure had ended",
                 )
+
+    def test_a_queue_that_filled_up_brings_no_old_frame(self) -> None:
+        """Nobody asks for a while; the next frame is still a new one."""
+        with self.ready() as camera:
+            self._capture(camera)
+            awake = self.now_s() + self.asleep_s
+            wait_until(lambda: self.now_s() > awake, "the time passed")
+            for _ in range(2):
+                self._check_age(camera, self.now_s())
+
+    def test_a_moment_that_is_still_to_come_is_waited_for(self) -> None:
+        """``not_before_s`` may lie in the future."""
+        with self.ready() as camera:
+            self._check_age(camera, self.now_s() + 0.3)
+
+    def test_frame_ids_advance_with_every_frame(self) -> None:
+        """Strictly, and no frame counts as dropped twice."""
+        with self.ready() as camera:
+            frames = [self._capture(camera) for _ in range(4)]
+        for before, after in itertools.pairwise(frames):
+            step = after.frame_id - before.frame_id
+            require(step >= 1, "frame counter stands or goes back")
+            require(0 <= after.dropped < step, "more dropped than were counted")
+
+    def test_times_of_a_frame_are_logged(self) -> None:
+        """At debug level, with the name of the device."""
+        with self.ready() as camera, _log_lines() as lines:
+            self._capture(camera)
+            told = [line for line in lines if camera.name in line and "frame" in line]
+        require(told, "the log says nothing about the frame")
+
+    def test_every_change_of_exposure_is_on_the_next_frame(self) -> None:
+        """Short, long, short: each frame has the exposure that was set before it."""
+        with self.ready() as camera:
+            low, high = camera.exposure_range_s()
+            for wanted in (0.004, 0.02, 0.004):
+                asked = min(max(wanted, low), high)
+                camera.configure(exposure_s=asked)
+                frame = self._check_age(camera, self.now_s())
+                wrong = abs(frame.exposure_s - asked) > 0.01 * asked
+                require(not wrong, f"{frame.exposure_s} s instead of {asked} s")
+
+    def test_only_one_capture_at_a_time(self) -> None:
+        """A second one is refused; the first goes on until it is stopped."""
+        with self.ready() as camera:
+            later, started = self.now_s() + 1e4, self.now_s()
+
+            def interfere() -> None:
+                refuses(DeviceFault, lambda: self._capture(camera))
+                camera.stop()
+
+            result = meanwhile(
+                lambda: camera.capture(not_before_s=later, timeout_s=1e5),
+                lambda: self.now_s() > started + 0.5,
+                interfere,
+            )
+            require(isinstance(result, MotionStopped), f"not MotionStopped: {result!r}")
+
+    def _capture(self, camera: Camera) -> Frame:
+        return camera.capture(not_before_s=self.now_s(), timeout_s=TIMEOUT_S)
+
+    def _check_age(self, camera: Camera, not_before_s: float) -> Frame:
+        """Capture; the frame must have begun at or after the moment, and ended since."""
+        frame = camera.capture(not_before_s=not_before_s, timeout_s=TIMEOUT_S)
+        late_s = not_before_s - frame.exposure_start_s
+        require(late_s <= 0, f"exposed {late_s} s too early")
+        ended_s = frame.exposure_start_s + frame.exposure_s
+        require(frame.received_s >= ended_s, "received before its exposure had ended")
+        require(frame.received_s <= self.now_s(), "received in the future")
+        return frame
 
     def test_frames_are_grey_pictures_of_one_size(self) -> None:
         """uint8 or uint16, two-dimensional, with a full scale that fits."""
@@ -115,3 +198,28 @@ class CameraConformance(DeviceConformance):
             )
             require(isinstance(result, MotionStopped), f"not MotionStopped: {result!r}")
             camera.capture(not_before_s=self.now_s(), timeout_s=TIMEOUT_S)
+
+
+class _Lines(logging.Handler):
+    """Keeps what is logged."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.lines.append(record.getMessage())
+
+
+@contextmanager
+def _log_lines() -> Iterator[list[str]]:
+    """Everything that is logged meanwhile, debug level included."""
+    root, handler = logging.getLogger(), _Lines()
+    level = root.level
+    root.addHandler(handler)
+    root.setLevel(logging.DEBUG)
+    try:
+        yield handler.lines
+    finally:
+        root.setLevel(level)
+        root.removeHandler(handler)

@@ -8,7 +8,7 @@ import queue
 import subprocess
 import sys
 import threading
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self, cast
 
 from pydantic import Field
 
@@ -70,10 +70,9 @@ class GigeSimulator:
         cls, config: GigeSimulatorConfig, context: DeviceContext, *, name: str
     ) -> Self:
         """Build it; starts nothing."""
-        world: WorldPort | None = None
-        if not config.world and hasattr(context.world, "frame_size"):
-            world = context.world
-        return cls(config, world, name)
+        own = not config.world and hasattr(context.world, "frame_size")
+        seen = context.world if own else None
+        return cls(config, cast("WorldPort | None", seen), name)
 
     @property
     def control_port(self) -> int:

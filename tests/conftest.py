@@ -1,0 +1,109 @@
+"""Debian's GigE Vision camera, which nobody here wrote, for every test that wants it."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_PROGRAM = "arv-fake-gv-camera-0.8"
+_HOST = "127.0.0.1"
+_GVCP_PORT = 3956
+_PR_SET_PDEATHSIG = 1
+_START_S = 10.0
+_SERIALS = itertools.count(1)
+_LIBC = ctypes.CDLL(None)
+
+
+def _die_with_parent() -> None:
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def _in_use() -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((_HOST, _GVCP_PORT))
+        except OSError:
+            return True
+    return False
+
+
+class GvCamera:
+    """The camera on 127.0.0.1, with a serial number of its own."""
+
+    host = _HOST
+
+    def __init__(self) -> None:
+        self.serial = f"T{os.getpid()}-{next(_SERIALS)}"
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self, *, lost_per_thousand: int = 0, serial: str = "") -> None:
+        """Switch it on; anything else on its port is a mistake."""
+        self.kill()
+        if _in_use():
+            raise RuntimeError("another camera answers on 127.0.0.1")
+        command = [_PROGRAM, "-i", _HOST, "-s", serial or self.serial]
+        if lost_per_thousand:
+            command += ["-r", str(lost_per_thousand)]
+        self._process = subprocess.Popen(
+            command,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            preexec_fn=_die_with_parent,
+        )
+        deadline = time.monotonic() + _START_S
+        while not _in_use():
+            if time.monotonic() > deadline or self._process.poll() is not None:
+                raise RuntimeError(f"{_PROGRAM} does not start")
+            time.sleep(0.02)
+
+    def kill(self) -> None:
+        """Pull its plug; safe to repeat."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture(scope="module")
+def gv_camera_program() -> Iterator[None]:
+    """The address, held against other workers and simulated cameras."""
+    from drivers.simulators.gige.fake_camera import AddressLock
+
+    if shutil.which(_PROGRAM) is None:
+        pytest.skip(f"{_PROGRAM} is missing: apt-get install aravis-tools")
+    lock = AddressLock(_HOST, 300.0)
+    lock.take()
+    yield
+    lock.release()
+
+
+@pytest.fixture
+def gv_camera(gv_camera_program: None) -> Iterator[GvCamera]:
+    """A camera that is on; off when the test ends, whatever happens."""
+    camera = GvCamera()
+    camera.start()
+    yield camera
+    camera.kill()
+
+
+@pytest.fixture(params=["telegenicam", "aravis"])
+def genicam_backend(request: pytest.FixtureRequest) -> str:
+    """Each library that the GenICam driver can use."""
+    from drivers._genicam import installed_backends
+
+    problem = installed_backends()[request.param]
+    if problem:
+        pytest.skip(problem)
+    return str(request.param)
