@@ -7,6 +7,7 @@ from mvp.testing.conformance import DeviceConformance
 from mvp.testing.conformance_arm import ArmConformance
 from mvp.testing.conformance_camera import CameraConformance
 from mvp.testing.conformance_lens import LensConformance
+from mvp.testing.far_end import FarEnd
 from mvp.testing.require import meanwhile, refuses, require, wait_until
 from mvp.testing.virtual_cell import VirtualCell, block, example_belief, virtual_cell
 
@@ -14,6 +15,7 @@ __all__ = [
     "ArmConformance",
     "CameraConformance",
     "DeviceConformance",
+    "FarEnd",
     "LensConformance",
     "VirtualCell",
     "block",

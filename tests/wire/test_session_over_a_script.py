@@ -23,52 +23,7 @@ from mvp.errors import (
     MotionStopped,
     WireError,
 )
-
-
-class Wire:
-    """A far end in memory: whatever is written goes to ``answer``."""
-
-    def __init__(self, answer: Callable[[bytes], bytes] = lambda data: b"") -> None:
-        self.name = "lens"
-        self.address = "memory"
-        self.answer = answer
-        self.sent: list[bytes] = []
-        self.incoming: deque[bytes] = deque()
-        self.changed = threading.Condition()
-        self.is_open = False
-        self.unplugged = False
-
-    def open(self) -> None:
-        self.is_open = True
-
-    def close(self) -> None:
-        with self.changed:
-            self.is_open = False
-            self.changed.notify_all()
-
-    def write(self, data: bytes) -> None:
-        self.sent.append(data)
-        self.say(self.answer(data))
-
-    def say(self, data: bytes) -> None:
-        with self.changed:
-            if data:
-                self.incoming.append(data)
-            self.changed.notify_all()
-
-    def unplug(self) -> None:
-        with self.changed:
-            self.unplugged = True
-            self.changed.notify_all()
-
-    def read(self, *, timeout_s: float) -> bytes:
-        with self.changed:
-            self.changed.wait_for(
-                lambda: self.incoming or self.unplugged or not self.is_open, timeout_s
-            )
-            if self.unplugged or not self.is_open:
-                raise LinkLost("the link memory is gone", device=self.name)
-            return self.incoming.popleft() if self.incoming else b""
+from mvp.testing import FarEnd
 
 
 def ok_ends(frame: bytes) -> Take:
@@ -80,9 +35,9 @@ def ok_ends(frame: bytes) -> Take:
 
 
 class Talk:
-    """A session over a ``Wire`` and what its push handler saw."""
+    """A session over a link in memory and what its push handler saw."""
 
-    def __init__(self, wire: Wire, **keys: object) -> None:
+    def __init__(self, wire: FarEnd, **keys: object) -> None:
         self.wire = wire
         self.pushed: list[bytes] = []
         self.lost: list[DeviceError] = []
@@ -111,7 +66,7 @@ def talk() -> Iterator[Callable[..., Talk]]:
     def make(
         answer: Callable[[bytes], bytes] = lambda data: b"ok\r\n", **keys: object
     ) -> Talk:
-        talks.append(Talk(Wire(answer), **keys))
+        talks.append(Talk(FarEnd("lens", answer), **keys))
         talks[-1].session.open()
         return talks[-1]
 

@@ -1,0 +1,104 @@
+r"""A link in memory: a driver is tested by the table of what it sends and is answered.
+
+::
+
+    far_end = FarEnd("lens", lambda sent: {b"$S\n": b"1.0, A, B, C\r\n"}.get(sent, b""))
+    context = DeviceContext(transports=far_end.as_link)
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import TYPE_CHECKING
+
+from mvp.errors import LinkLost
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mvp.devices import Transport, TransportConfig
+
+
+class FarEnd:
+    """A ``Transport`` whose other end is a function.
+
+    Args:
+        name: of the device.
+        answer: gets every write and returns what comes back at once.
+
+    Attributes:
+        sent: every write, in order.
+        unplugged: set it to lose the link.
+    """
+
+    def __init__(self, name: str, answer: Callable[[bytes], bytes]) -> None:
+        self.name = name
+        self.sent: list[bytes] = []
+        self.unplugged = False
+        self._answer = answer
+        self._changed = threading.Condition()
+        self._incoming: deque[bytes] = deque()
+        self._open = False
+
+    @property
+    def address(self) -> str:
+        """Says that it is no port."""
+        return "memory"
+
+    def as_link(self, config: TransportConfig, name: str) -> Transport:
+        """For ``DeviceContext.transports``; port and speed mean nothing here."""
+        del config
+        self.name = name
+        return self
+
+    def open(self) -> None:
+        """Connect."""
+        self._open = True
+
+    def close(self) -> None:
+        """Disconnect."""
+        with self._changed:
+            self._open = False
+            self._incoming.clear()
+            self._changed.notify_all()
+
+    def write(self, data: bytes) -> None:
+        """Hand to the function, and keep its answer for reading.
+
+        Raises:
+            LinkLost: unplugged or not open.
+        """
+        self._require()
+        self.sent.append(data)
+        self.say(self._answer(data))
+
+    def say(self, data: bytes) -> None:
+        """Send something that nobody asked for."""
+        with self._changed:
+            if data:
+                self._incoming.append(data)
+            self._changed.notify_all()
+
+    def unplug(self) -> None:
+        """Lose the link."""
+        with self._changed:
+            self.unplugged = True
+            self._changed.notify_all()
+
+    def read(self, *, timeout_s: float) -> bytes:
+        """What was said.
+
+        Raises:
+            LinkLost: unplugged or not open.
+        """
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._incoming or self.unplugged or not self._open, timeout_s
+            )
+            self._require()
+            return self._incoming.popleft() if self._incoming else b""
+
+    def _require(self) -> None:
+        if self.unplugged or not self._open:
+            raise LinkLost("the link memory is gone", device=self.name)
