@@ -36,7 +36,18 @@ class Dashboard:
         self._buffer = b""
 
     def __enter__(self) -> Self:
+        """Connect and read the greeting.
+
+        Raises:
+            ConnectError: nobody there.
+            DeviceTimeout, LinkLost, WireError: no greeting.
+        """
         self._connect()
+        try:
+            self._line()
+        except BaseException:
+            self.__exit__()
+            raise
         return self
 
     def __exit__(self, *exc: object) -> None:
@@ -51,12 +62,7 @@ class Dashboard:
         Raises:
             LinkLost, DeviceTimeout, WireError: no line came back.
         """
-        try:
-            self._connected.sendall(command.encode() + b"\n")
-        except OSError as error:
-            raise LinkLost(
-                f"the dashboard is gone: {error}", device=self._name
-            ) from error
+        self._send(command)
         return self._line()
 
     def value(self, command: str) -> str:
@@ -64,9 +70,22 @@ class Dashboard:
         answer = self.ask(command)
         return answer.partition(":")[2].strip() if ":" in answer else answer
 
-    def stop(self) -> bool:
-        """End the program on the robot; whether it says that it has."""
-        return self.ask("stop").strip() == "Stopped"
+    def end_program(self) -> bool:
+        """End whatever program runs; whether the robot says that it has.
+
+        Asks before it listens: a robot that cannot answer any more may still obey. Not
+        to be used inside a with statement.
+
+        Raises:
+            ConnectError, LinkLost, DeviceTimeout, WireError: it may not have heard.
+        """
+        self._connect()
+        try:
+            self._send("stop")
+            self._line()
+            return self._line() == "Stopped"
+        finally:
+            self.__exit__()
 
     @property
     def _connected(self) -> socket.socket:
@@ -75,12 +94,6 @@ class Dashboard:
         return self._socket
 
     def _connect(self) -> None:
-        """Connect and read the greeting.
-
-        Raises:
-            ConnectError: nobody there.
-            DeviceTimeout, LinkLost, WireError: no greeting.
-        """
         address = (self._host, PORT)
         try:
             self._socket = socket.create_connection(address, self._timeout_s)
@@ -93,11 +106,14 @@ class Dashboard:
                 "dashboard server enabled in its security settings?",
             ) from error
         self._buffer = b""
+
+    def _send(self, command: str) -> None:
         try:
-            self._line()
-        except BaseException:
-            self.__exit__()
-            raise
+            self._connected.sendall(command.encode() + b"\n")
+        except OSError as error:
+            raise LinkLost(
+                f"the dashboard is gone: {error}", device=self._name
+            ) from error
 
     def _line(self) -> str:
         deadline = self._clock.now_s() + self._timeout_s

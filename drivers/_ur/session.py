@@ -192,8 +192,7 @@ class Session:
         if self.identity.version[0] >= _DASHBOARD_LESS:
             return False
         try:
-            with self.dashboard() as dashboard:
-                return dashboard.stop()
+            return self.dashboard().end_program()
         except DeviceError as error:
             _LOG.warning("%s: %s", self.name, error.message)
             return False

@@ -22,6 +22,7 @@ from mvp.cell.features_document import FeaturesDocument
 from mvp.cell.home_job import HomeDocument
 from mvp.cell.plugged_in import DevicesDocument
 from mvp.cell.records import record_schema
+from mvp.cell.recover_job import RecoverDocument
 from mvp.cell.run_document import RunDocument
 from mvp.cell.task_config import TaskConfig
 from mvp.planning.plan import Plan
@@ -41,6 +42,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "error": ErrorDocument,
     "check": CheckDocument,
     "home": HomeDocument,
+    "recover": RecoverDocument,
     "drivers": DriversDocument,
     "devices": DevicesDocument,
     "runs": RunsDocument,

@@ -26,6 +26,7 @@ _COMMANDS = (
     "features",
     "check",
     "home",
+    "recover",
     "simulate",
     "drivers",
     "devices",

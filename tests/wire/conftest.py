@@ -44,11 +44,14 @@ class UrBench:
         """One thing over the fault channel."""
         return self.faults.do(verb, **arguments)
 
-    @property
-    def moves(self) -> list[dict[str, object]]:
+    def now_s(self) -> float:
+        """The controller's own time."""
+        return float(self.do("state")["time_s"])
+
+    def moves_since(self, t_s: float) -> list[dict[str, object]]:
         """The motion commands that it received: values are target, speed, ramp."""
         received = self.do("state")["commands"]
-        return [c for c in received if c["command"] in _MOVES]
+        return [c for c in received if c["command"] in _MOVES and c["t_s"] >= t_s]
 
 
 @pytest.fixture(scope="module")
