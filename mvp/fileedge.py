@@ -20,19 +20,23 @@ class FileModel(BaseModel):
     )
 
 
-def read_file(path: Path, refusal: type[InputError], *, hint: str) -> bytes:
+def read_file(
+    path: Path, refusal: type[InputError], *, hint: str, at_most: int = -1
+) -> bytes:
     """The content of a file.
 
     Args:
         path: where it is.
         refusal: the error to raise when it cannot be read.
         hint: of that error.
+        at_most: how many bytes are read; -1: all.
 
     Raises:
         refusal: in the system's own words.
     """
     try:
-        return path.read_bytes()
+        with path.open("rb") as file:
+            return file.read(at_most)
     except OSError as error:
         raise refusal(
             f"{path}: {error.strerror or error}", hint=hint, where=str(path)

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from mvp.cell.toml_positions import line_of, positions
 from mvp.errors import ConfigError
+from mvp.fileedge import read_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -67,25 +68,21 @@ def read_toml(path: Path) -> TomlFile:
 
 
 def _read_text(path: Path) -> str:
+    hint = "check the path and its permissions"
+    content = read_file(path, ConfigError, hint=hint, at_most=_MAX_BYTES + 1)
+    if len(content) > _MAX_BYTES:
+        raise ConfigError(
+            f"{path}: larger than {_MAX_BYTES // 1_000_000} MB, "
+            "this is not a configuration file",
+            hint="name a .toml file",
+            where=str(path),
+        )
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise ConfigError(
-                f"{path}: larger than {_MAX_BYTES // 1_000_000} MB, "
-                "this is not a configuration file",
-                hint="name a .toml file",
-                where=str(path),
-            )
-        return path.read_bytes().decode("utf-8-sig")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError(
             f"{path}: not a text file in UTF-8 (byte {error.start})",
             hint="save the file as UTF-8",
-            where=str(path),
-        ) from error
-    except OSError as error:
-        raise ConfigError(
-            f"{path}: {error.strerror or error}",
-            hint="check the path and its permissions",
             where=str(path),
         ) from error
 
