@@ -167,10 +167,11 @@ class LensAxes:
             if now[axis] == target and axis in self._engaged:
                 continue
             range_ = self.ranges()[axis]
-            if (target - now[axis]) * range_.sign >= range_.run_up_steps:
+            run_up = range_.run_up_steps
+            if not run_up or (target - now[axis]) * range_.sign >= run_up:
                 first[axis] = target
             else:
-                first[axis] = target - range_.sign * range_.run_up_steps
+                first[axis] = target - range_.sign * run_up
                 last[axis] = target
         return tuple(leg for leg in (first, last) if leg)
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 COUNTER = 1 << 16
 _POLL_TRIES = 3
-_STATUS = re.compile(r"\s*(-?\d{1,9}\s*,\s*){8}-?\d{1,9}\s*")
+_STATUS = re.compile(r"(-?\d{1,9} *, *){8}-?\d{1,9}", re.ASCII)
 _IDENTITY = re.compile(r"([^,]+,){3}[^,]+")
 
 
@@ -177,12 +177,18 @@ class Scf4Wire:
             WireError: disturbed again and again.
             DeviceTimeout, LinkLost, ConnectError: see ``Session.request``.
         """
-        for _ in range(_POLL_TRIES - 1):
-            try:
-                return self._ask_status()
-            except (DeviceTimeout, WireError) as error:
-                _LOG.warning("%s: %s, asked again", self.name, error.message)
-        return self._ask_status()
+        (frame,) = self.session.request_until(
+            b"!1\n",
+            self._is_status,
+            timeout_s=self._config.answer_s,
+            tries=_POLL_TRIES,
+        )
+        values = [int(part) for part in _line(frame).split(",")]
+        return Scf4Status(
+            {axis: values[i] for axis, i in self._outputs.items()},
+            {axis: values[3 + i] != 0 for axis, i in self._outputs.items()},
+            {axis: values[6 + i] != 0 for axis, i in self._outputs.items()},
+        )
 
     def _ask_identity(self, ask: Ask) -> None:
         """The question whose answer cannot be taken for another one's."""
@@ -196,7 +202,7 @@ class Scf4Wire:
         )
 
     def _is_ok(self, command: str, frame: bytes) -> Take:
-        line = text(frame).strip()
+        line = _line(frame)
         if line == "OK":
             return Take.DONE
         if not line:
@@ -210,19 +216,8 @@ class Scf4Wire:
             hint="is the line disturbed? nothing more was sent",
         )
 
-    def _ask_status(self) -> Scf4Status:
-        (frame,) = self.session.request(
-            b"!1\n", self._is_status, timeout_s=self._config.answer_s
-        )
-        values = [int(part) for part in text(frame).split(",")]
-        return Scf4Status(
-            {axis: values[i] for axis, i in self._outputs.items()},
-            {axis: values[3 + i] != 0 for axis, i in self._outputs.items()},
-            {axis: values[6 + i] != 0 for axis, i in self._outputs.items()},
-        )
-
     def _is_status(self, frame: bytes) -> Take:
-        line = text(frame).strip()
+        line = _line(frame)
         if not line:
             return Take.OTHER
         if _STATUS.fullmatch(line):
@@ -238,5 +233,9 @@ def words(code: str, values: Mapping[Letter, int] | Mapping[str, int]) -> str:
     return " ".join([code, *(f"{letter}{value}" for letter, value in values.items())])
 
 
+def _line(frame: bytes) -> str:
+    return text(frame).strip(" \t")
+
+
 def _is_identity(frame: bytes) -> Take:
-    return Take.DONE if _IDENTITY.fullmatch(text(frame).strip()) else Take.OTHER
+    return Take.DONE if _IDENTITY.fullmatch(_line(frame)) else Take.OTHER

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _END = b"\xff"
 _LONGEST = 16
+_TRIES = 3
 _ACK, _COMPLETION, _ERROR = 0x40, 0x50, 0x60
 _CANCELLED, _NO_SOCKET = 0x04, 0x05
 SYNTAX, BUSY, NOT_NOW = 0x02, 0x03, 0x41
@@ -176,10 +177,11 @@ class ViscaWire:
             DeviceFault: it refuses otherwise.
             DeviceTimeout, LinkLost, ConnectError: see ``Session.request``.
         """
-        (frame,) = self.session.request(
+        (frame,) = self.session.request_until(
             self._packet(b"\x09" + what),
             lambda frame: self._is_answer(frame, count),
             timeout_s=self._config.answer_s,
+            tries=_TRIES,
         )
         if frame[1] == _COMPLETION:
             return frame[2:-1]
@@ -191,15 +193,13 @@ class ViscaWire:
         """A position: four nibbles.
 
         Raises:
-            WireError: the answer is no number.
+            WireError: it tells none.
             DeviceFault, DeviceTimeout, LinkLost, ConnectError: as ``inquire``.
         """
         data = self.inquire(what, 4)
         value = None if data is None else from_nibbles(data)
         if value is None:
-            self.session.fall_out_of_step()
-            said = "nothing" if data is None else data.hex(" ")
-            raise WireError(f"tells {said} as a position", device=self.name)
+            raise WireError(f"tells no position for {what.hex(' ')}", device=self.name)
         return value
 
     def command(self, what: bytes) -> Command:
@@ -254,6 +254,9 @@ class ViscaWire:
         if not self._is_ours(frame):
             return Take.OTHER
         if frame[1] == _COMPLETION and len(frame) == 3 + count:
+            if from_nibbles(frame[2:-1]) is None:
+                self.session.fall_out_of_step()
+                raise WireError(f"answers {frame.hex(' ')}", device=self.name)
             return Take.DONE
         refused = frame[1] & 0xF0 == _ERROR and len(frame) == 4
         return Take.DONE if refused and frame[2] != _CANCELLED else Take.OTHER

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from drivers._lens import Deadline, Pace
 from drivers._visca import BUSY, NOT_NOW, SYNTAX, Command, ViscaWire, nibbles
 from mvp.devices import AXES, Axis
-from mvp.errors import DeviceError, DeviceFault, DeviceTimeout, WireError
+from mvp.errors import DeviceError, DeviceFault
 
 if TYPE_CHECKING:
     from mvp.devices import Clock
@@ -19,7 +19,6 @@ _POLL_S = 0.06
 _BUSY_S = 0.1
 _LOST_S = 1.5  # without completion, but standing: that message was lost
 _HALT_S = 3.0
-_READ_TRIES = 3
 _ZOOM, _FOCUS, _IRIS = b"\x04\x47", b"\x04\x48", b"\x04\x4b"
 _ITEMS: dict[Axis, bytes] = {"zoom": _ZOOM, "focus": _FOCUS, "iris": _IRIS}
 _POWER, _FOCUS_MODE, _EXPOSURE_MODE = b"\x04\x00", b"\x04\x38", b"\x04\x39"
@@ -55,12 +54,7 @@ class ViscaMotion:
         self._tolerance = tolerance_counts
 
     def read(self, axis: Axis) -> int:
-        """A position; asked again when the answer was disturbed."""
-        for _ in range(_READ_TRIES - 1):
-            try:
-                return self._wire.number(_ITEMS[axis])
-            except (DeviceTimeout, WireError) as error:
-                _LOG.warning("%s: %s, asked again", self._name, error.message)
+        """A position."""
         return self._wire.number(_ITEMS[axis])
 
     def switch_on(self, deadline: Deadline) -> None:

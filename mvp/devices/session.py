@@ -222,30 +222,43 @@ class Session:
             MvpCellError: whatever ``accept`` or the push handler raised.
         """
         with self.dumping():
-            self._require()
-            if self._out_of_step:
-                self._step_in()
-            return self._exchange(data, accept, timeout_s, optional=optional)
+            return self._request(data, accept, timeout_s, optional=optional)
 
     def request_until(
-        self, data: bytes, accept: Accept, *, timeout_s: float, patience_s: float
+        self,
+        data: bytes,
+        accept: Accept,
+        *,
+        timeout_s: float,
+        tries: int = 1,
+        patience_s: float = 0.0,
     ) -> tuple[bytes, ...]:
-        """Ask a harmless question again and again until it is answered.
+        """Ask a harmless question again until it is answered.
 
-        For identification: a device may still be booting, or be talked to by the
-        system, when the port opens. Never for anything that moves.
+        For identities and positions on a disturbed line, and for devices that are
+        still booting when the port opens. Never for anything that moves.
+
+        Args:
+            data: the bytes of the question.
+            accept: as of ``request``.
+            timeout_s: for each answer.
+            tries: ask at least so often.
+            patience_s: go on asking for so long.
 
         Raises:
             ConnectError, LinkLost: as ``request``.
-            DeviceTimeout: no answer in all that time.
+            DeviceTimeout, WireError: no sensible answer in all that time.
         """
         end_s = self._clock.now_s() + patience_s
-        while True:
-            try:
-                return self.request(data, accept, timeout_s=timeout_s)
-            except (DeviceTimeout, WireError):
-                if self._clock.now_s() >= end_s:
-                    raise
+        with self.dumping():
+            while True:
+                tries -= 1
+                try:
+                    return self._request(data, accept, timeout_s, optional=False)
+                except (DeviceTimeout, WireError) as error:
+                    if tries <= 0 and self._clock.now_s() >= end_s:
+                        raise
+                    _LOG.warning("%s: asked again", error.message)
 
     def send(self, data: bytes) -> None:
         """Send bytes that have no answer, at once, past a command that waits.
@@ -317,6 +330,14 @@ class Session:
     def dumping(self) -> AbstractContextManager[None]:
         """Write the traffic down when a device error passes, and name the file."""
         return dumping_faults(self._transport, self._dump_folder)
+
+    def _request(
+        self, data: bytes, accept: Accept, timeout_s: float, *, optional: bool
+    ) -> tuple[bytes, ...]:
+        self._require()
+        if self._out_of_step:
+            self._step_in()
+        return self._exchange(data, accept, timeout_s, optional=optional)
 
     def _step_in(self) -> None:
         """Get back into step."""

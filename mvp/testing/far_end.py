@@ -28,6 +28,7 @@ class FarEnd:
         answer: gets every write and returns what comes back at once.
 
     Attributes:
+        answer: the function; may be replaced at any time.
         sent: every write, in order.
         unplugged: set it to lose the link.
     """
@@ -36,7 +37,7 @@ class FarEnd:
         self.name = name
         self.sent: list[bytes] = []
         self.unplugged = False
-        self._answer = answer
+        self.answer = answer
         self._changed = threading.Condition()
         self._incoming: deque[bytes] = deque()
         self._open = False
@@ -71,7 +72,7 @@ class FarEnd:
         """
         self._require()
         self.sent.append(data)
-        self.say(self._answer(data))
+        self.say(self.answer(data))
 
     def say(self, data: bytes) -> None:
         """Send something that nobody asked for."""
