@@ -40,6 +40,12 @@ class UrArmConfig(FileModel):
     stop_deceleration_deg_s2: float = Field(default=170.0, ge=115, le=229)
     arrival_tolerance_deg: float = Field(default=0.05, gt=0, le=1)
     handshake_timeout_s: float = Field(default=10.0, ge=1, le=60)
+    data_timeout_s: float = Field(
+        default=0.5,
+        ge=0.1,
+        le=2.0,
+        description="older data of the controller are a fault",
+    )
     frequency_hz: float = Field(default=125.0, ge=50, le=500)
     upper_registers: bool = Field(
         default=False, description="use RTDE registers 24 to 47; below 5.23 only"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from mvp.devices import Clock, Link
     from mvp.geometry import FloatArray
 
+_LOG = logging.getLogger(__name__)
 _FRESH_S = 0.1
 _PATIENCE_S = 1.0
 _LAG_S = 0.3
@@ -45,7 +47,7 @@ class Motions:
         """The state to start a motion from.
 
         Raises:
-            DeviceTimeout: data stay older than 100 ms.
+            LinkLost, DeviceTimeout: no current data.
             DeviceFault: the robot would not, or should not, move.
         """
         status = self._fresh()
@@ -78,18 +80,15 @@ class Motions:
                 raise self._lost(error) from error
 
     def _fresh(self) -> Status:
+        """A state of the last 100 ms; after some patience a staler one, with a warning."""
         deadline_s = self._clock.now_s() + _PATIENCE_S
-        while True:
-            status = self._session.status()
-            if self._session.age_s() <= _FRESH_S:
-                return status
+        while self._session.age_s() > _FRESH_S:
             if self._clock.now_s() > deadline_s:
-                raise DeviceTimeout(
-                    "the controller's data stay old; nothing was moved",
-                    device=self._name,
-                    hint="check the network to the robot",
-                )
+                age_s = self._session.age_s()
+                _LOG.warning("%s: data are %.0f ms old", self._name, 1000 * age_s)
+                break
             self._pause()
+        return self._session.status()
 
     def _follow(self, pending: Pending, deadline_s: float) -> None:
         """Watch a motion until it has ended by itself."""

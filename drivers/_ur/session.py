@@ -30,7 +30,6 @@ QUERY_S = 1.0
 _STOP_S = 0.3
 _LEAVE_S = 3.0
 _ENDING_S = 0.5
-STALE_S = 0.5
 _POLL_S = 0.01
 _DASHBOARD_LESS = 10  # PolyScope X
 _TCP_TOLERANCE = 1e-5  # m and rad
@@ -131,7 +130,7 @@ class Session:
             DeviceTimeout: what it last said is too old; it is killed.
         """
         found, age_s = self._connected.status()
-        if age_s > STALE_S:
+        if age_s > self.config.data_timeout_s:
             self._connected.kill(f"no new data for {age_s:.1f} s")
             raise DeviceTimeout(
                 f"the controller has said nothing for {age_s:.1f} s",
@@ -260,7 +259,11 @@ class Session:
         where = {"host": self.config.host, "frequency_hz": self._frequency(version)}
         payload = (3, 11) <= version[:2] < (5, 0) or version[:3] >= (5, 5, 1)
         said = self._connected.request(
-            "listen", timeout_s=whole_s, payload=payload, **where
+            "listen",
+            timeout_s=whole_s,
+            payload=payload,
+            silent_s=self.config.data_timeout_s,
+            **where,
         )
         status = Status.from_wire(cast("dict[str, object]", said["status"]))
         if found := robot_trouble(status):

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 _WATCH_S = 0.004
 _REPORT_S = 0.008
-_SILENT_S = 0.5
 _POLL_S = 0.01
 _LOST = 3
 
@@ -39,6 +38,7 @@ class Worker:
         self._requests: queue.Queue[Message] = queue.Queue()
         self._listener: Listener | None = None
         self._mover: Mover | None = None
+        self._silent_s = 0.0
         self._program: Literal["starts", "runs", "ended"] = "starts"
         self._does = {
             "listen": self._listen,
@@ -83,6 +83,7 @@ class Worker:
         os._exit(_LOST)
 
     def _listen(self, request: Message) -> None:
+        self._silent_s = _number(request["silent_s"])
         listener = Listener(
             str(request["host"]),
             _number(request["frequency_hz"]),
@@ -186,7 +187,7 @@ class Worker:
             now = time.monotonic()
             if listener.timestamp_s() != stamp_s:
                 seen_s = now
-            elif now - seen_s > _SILENT_S:
+            elif now - seen_s > self._silent_s:
                 self._lose(f"no data for {now - seen_s:.1f} s")
             if listener.timestamp_s() != stamp_s and now - said_s > _REPORT_S:
                 status = self._sound(listener)

@@ -30,6 +30,7 @@ class TestUrArm(ArmConformance):
             tcp_rotation_deg=[0, 0, 45],
             joint_speed_deg_s=180,
             joint_acceleration_deg_s2=400,
+            data_timeout_s=2.0,
         )
         return UrArm.from_config(config, DeviceContext(), name="arm")
 

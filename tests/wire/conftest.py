@@ -35,6 +35,7 @@ class UrBench:
             "payload_cog_mm": [0, 5, 40],
             "tcp_mm": [0, 0, 100],
             "joint_speed_deg_s": 120,
+            "data_timeout_s": 2.0,  # simulators starve on a busy machine
             **settings,
         }
         config = UrArm.Config.model_validate(settings)

@@ -1,0 +1,304 @@
+"""Every fault the client library was seen to have, met by the product's own process.
+
+Each ends in a typed error before its deadline, without a new motion, and the arm can be
+used again once the cause is gone.
+"""
+
+import threading
+import time
+from contextlib import contextmanager, suppress
+
+import pytest
+
+from drivers.simulators.control import ControlRefused
+from mvp.errors import (
+    ConnectError,
+    DeviceError,
+    DeviceFault,
+    DeviceTimeout,
+    LinkLost,
+    WireError,
+)
+
+HOME = [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]
+FAR = [1.2, -1.3, 1.4, -1.57, -1.4, 0.5]
+PATIENCE_S = 40.0
+LOST = (LinkLost, DeviceTimeout)
+FULL = pytest.mark.full
+
+
+def heal(bench) -> None:
+    """Take every disturbance away and bring the robot back by the driver's own way."""
+    bench.do("clear")
+    bench.do("listen")
+    bench.do("slider", fraction=1.0)
+    bench.do("remote", on=True)
+    bench.do("identity", serial="20225500123", model="UR5")
+    with suppress(ControlRefused):
+        bench.do("release")
+    if bench.do("state")["robot_mode"] in ("BOOTING", "BACKDRIVE"):
+        bench.do("robot_mode", mode="POWER_OFF")
+    arm = bench.arm()
+    for step in arm.recovery():
+        step.act()
+    arm.close()
+
+
+@pytest.fixture(scope="module")
+def bench(ur_shared):
+    return ur_shared
+
+
+@pytest.fixture
+def healed(bench):
+    """The shared controller, healed after the test."""
+    yield bench
+    heal(bench)
+
+
+def refused(arm) -> DeviceError:
+    with pytest.raises(DeviceError) as caught, arm:
+        pass
+    assert caught.value.hint
+    return caught.value
+
+
+REFUSALS = [
+    ("refuse", {"ports": [30004]}, ConnectError, ""),
+    ("refuse", {"ports": [29999]}, ConnectError, ""),
+    ("refuse", {"ports": [30003]}, ConnectError, ""),
+    ("mute", {"types": "V"}, DeviceTimeout, ""),
+    ("mute", {"types": "O"}, DeviceTimeout, ""),
+    pytest.param("mute", {"types": "v"}, DeviceTimeout, "", marks=FULL),
+    pytest.param("mute", {"types": "I"}, DeviceTimeout, "", marks=FULL),
+    pytest.param("mute", {"types": "S"}, DeviceTimeout, "", marks=FULL),
+    ("mute", {"dashboard": True}, DeviceTimeout, ""),
+    ("silence", {}, DeviceTimeout, ""),
+    ("reject_scripts", {}, DeviceFault, "script-rejected"),
+    ("robot_mode", {"mode": "POWER_OFF"}, DeviceFault, "not-powered"),
+    pytest.param("robot_mode", {"mode": "IDLE"}, DeviceFault, "brakes-on", marks=FULL),
+    ("robot_mode", {"mode": "BOOTING"}, DeviceFault, "booting"),
+    pytest.param(
+        "robot_mode", {"mode": "BACKDRIVE"}, DeviceFault, "wrong-mode", marks=FULL
+    ),
+    ("protective_stop", {}, DeviceFault, "protective-stop"),
+    pytest.param("safeguard_stop", {}, DeviceFault, "safeguard-stop", marks=FULL),
+    ("emergency_stop", {}, DeviceFault, "emergency-stop"),
+    pytest.param(
+        "emergency_stop", {"system": True}, DeviceFault, "emergency-stop", marks=FULL
+    ),
+    pytest.param("safety_fault", {}, DeviceFault, "safety-fault", marks=FULL),
+    ("remote", {"on": False}, DeviceFault, "local-mode"),
+    ("foreign_program", {"name": "welding.urp"}, DeviceFault, "foreign-program"),
+    ("in_use", {"names": ["input_int_register_0"]}, DeviceFault, "registers-in-use"),
+    (
+        "in_use",
+        {"names": ["external_force_torque"]},
+        DeviceFault,
+        "registers-in-use",
+    ),
+    ("identity", {"serial": "99"}, DeviceFault, "wrong-robot"),
+    ("identity", {"model": "UR10"}, DeviceFault, "wrong-robot"),
+]
+
+
+@pytest.mark.parametrize(("verb", "arguments", "kind", "code"), REFUSALS)
+def test_a_robot_that_is_not_ready_is_refused_and_why(
+    healed, verb, arguments, kind, code
+):
+    before = healed.do("state")["moves_begun"]
+    healed.do(verb, **arguments)
+    arm = healed.arm(
+        serial="20225500123",
+        # A rejected program is found out by the library itself, after 5 s.
+        handshake_timeout_s=10 if verb == "reject_scripts" else 2,
+    )
+    error = refused(arm)
+    assert isinstance(error, kind), repr(error)
+    assert getattr(error, "code", "") == code, repr(error)
+    assert healed.do("state")["moves_begun"] == before
+
+
+def test_registers_that_a_field_bus_took_can_be_gone_round(healed):
+    healed.do("in_use", names=["external_force_torque"])
+    with healed.arm(no_ext_ft=True) as arm:
+        assert arm.state().standing
+    healed.do("in_use", names=["input_int_register_0", "input_double_register_3"])
+    with healed.arm(upper_registers=True) as arm:
+        assert arm.move_joints(HOME, timeout_s=30).standing
+
+
+def test_a_slider_at_zero_is_named_before_anything_is_sent(healed):
+    since = healed.now_s()
+    with healed.arm() as arm:
+        healed.do("slider", fraction=0.0)
+        time.sleep(0.1)
+        with pytest.raises(DeviceFault, match="slider") as caught:
+            arm.move_joints(FAR, timeout_s=30)
+        assert caught.value.code == "speed-slider-zero"
+    assert not healed.moves_since(since)
+
+
+@contextmanager
+def moving(bench, **settings):
+    """An open arm on its way, and where the outcome of the motion will be."""
+    outcome: list[object] = []
+
+    def go() -> None:
+        try:
+            outcome.append(arm.move_joints(FAR, timeout_s=60))
+        except Exception as error:
+            outcome.append(error)
+
+    arm = bench.arm(joint_speed_deg_s=15, **settings)
+    with arm:
+        arm.move_joints(HOME, timeout_s=30)
+        mover = threading.Thread(target=go)
+        mover.start()
+        while arm.state().standing and mover.is_alive():
+            time.sleep(0.005)
+        yield arm, mover, outcome
+
+
+IN_MOTION = [
+    ("protective_stop", {"program": "pause"}, DeviceFault, "protective-stop"),
+    pytest.param(
+        "protective_stop",
+        {"program": "stop"},
+        DeviceFault,
+        "protective-stop",
+        marks=FULL,
+    ),
+    ("safeguard_stop", {}, DeviceFault, "safeguard-stop"),
+    ("emergency_stop", {}, DeviceFault, "emergency-stop"),
+    ("safety_fault", {}, DeviceFault, "safety-fault"),
+    ("program_stop", {}, DeviceFault, "program-stopped"),
+    ("drop", {"how": "fin"}, LOST, ""),
+    ("drop", {"how": "rst"}, LOST, ""),
+    pytest.param("drop", {"how": "fin", "what": "rtde"}, LOST, "", marks=FULL),
+    ("silence", {}, LOST, ""),
+    pytest.param("freeze", {}, LOST, "", marks=FULL),
+    ("inject", {"hex": "0000"}, LOST, ""),
+    ("inject", {"hex": "000355"}, LOST, ""),
+    pytest.param("inject", {"hex": "ffff55" + "00" * 40}, LOST, "", marks=FULL),
+    ("inject", {"hex": "00045501"}, (*LOST, DeviceFault), "*"),
+]
+
+
+@pytest.mark.parametrize(("verb", "arguments", "kinds", "code"), IN_MOTION)
+def test_a_fault_in_motion_ends_it_for_good(healed, verb, arguments, kinds, code):
+    with moving(healed, data_timeout_s=0.5) as (arm, mover, outcome):
+        since = healed.now_s()
+        healed.do(verb, **arguments)
+        mover.join(PATIENCE_S)
+        assert not mover.is_alive()
+        (error,) = outcome
+        assert isinstance(error, kinds), repr(error)
+        assert error.hint
+        if code != "*":
+            assert getattr(error, "code", "") == code, repr(error)
+        with pytest.raises(DeviceError):
+            arm.move_joints(HOME, timeout_s=30)
+    healed.do("clear")
+    time.sleep(0.2)
+    after = healed.do("state")
+    assert not healed.moves_since(since)
+    assert after["program"] is None, "nothing may be left that can go on moving"
+
+
+def watch(arm) -> None:
+    """Ask for the state until it fails."""
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end:
+        arm.state()
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize(
+    ("verb", "arguments"),
+    [
+        ("drop", {"how": "fin"}),
+        ("drop", {"how": "rst"}),
+        ("silence", {}),
+        pytest.param("freeze", {}, marks=FULL),
+        pytest.param("inject", {"hex": "000355"}, marks=FULL),
+    ],
+)
+def test_a_link_that_breaks_at_rest_is_noticed_and_can_be_made_again(
+    healed, verb, arguments
+):
+    arm = healed.arm()
+    with arm:
+        scripts = healed.do("state")["scripts"]
+        since = healed.now_s()
+        healed.do(verb, **arguments)
+        with pytest.raises(LOST):
+            watch(arm)
+        with pytest.raises(LOST):
+            arm.move_joints(FAR, timeout_s=30)
+        healed.do("clear")
+        assert healed.do("state")["scripts"] <= scripts + 1, "no loop of restarts"
+        arm.open()
+        assert arm.state().standing
+        assert not healed.moves_since(since)
+
+
+def test_a_message_of_the_controller_is_ignored(healed):
+    with healed.arm() as arm:
+        healed.do("inject", hex="000b4d" + "02" + "6869" + "02" + "7573" + "0200"[:4])
+        assert arm.move_joints(HOME, timeout_s=30).standing
+
+
+def test_a_controller_that_dies_in_motion_is_lost_and_found_again(ur_bench):
+    bench = ur_bench()
+    with moving(bench) as (arm, mover, outcome):
+        bench.do("restart", down_s=2.0)
+        mover.join(PATIENCE_S)
+        assert isinstance(outcome[0], LOST), repr(outcome)
+        assert refused_while_down(bench)
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end:
+        error = refused(bench.arm())
+        if isinstance(error, DeviceFault):
+            break
+    assert error.code == "not-powered"
+    heal(bench)
+    with bench.arm() as arm:
+        assert arm.state().standing
+
+
+def refused_while_down(bench) -> bool:
+    return isinstance(refused(bench.arm()), ConnectError | LinkLost)
+
+
+def test_a_broken_link_to_polyscope_x_takes_nothing_down(ur_bench):
+    bench = ur_bench(profile="x10.11")
+    with moving(bench) as (_, mover, outcome):
+        bench.do("drop", how="fin")
+        mover.join(PATIENCE_S)
+    assert isinstance(outcome[0], LOST), repr(outcome)
+    assert "may go on" in str(outcome[0])
+    assert len(bench.moves_since(0)) == 2
+
+
+def test_something_else_than_a_robot_is_a_wire_error(ur_shared, free_address):
+    import socket
+
+    with socket.create_server((free_address, 30004)) as server:
+        thread = threading.Thread(target=lambda: answer_html(server))
+        thread.start()
+        error = refused(ur_shared.arm(host=free_address))
+        thread.join()
+    assert isinstance(error, WireError)
+
+
+def answer_html(server) -> None:
+    peer, _ = server.accept()
+    with peer:
+        peer.recv(64)
+        peer.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+
+@pytest.fixture
+def free_address() -> str:
+    return "127.0.77.77"
