@@ -15,8 +15,15 @@ if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray
     from mvp.imaging.expectation import DrawnEdges
 
-_ROUNDS = 12
+_ROUNDS = 8
+_TRIMMINGS = 4
+_MOST_STARTS = 600
+_KEPT_STARTS = 10
+_CUT = 2.5
+# Standard deviation over median of the root mean square of two normal deviates.
+_RAYLEIGH = 1.2011
 _SMALLEST_SCATTER_PX = 0.15
+_ROUNDING_PX = 0.02
 _OFFSET_FLOOR_PX = 0.05
 _QUARTER = 0.3
 # Weak beliefs that only matter when edges of one direction are left.
@@ -100,13 +107,13 @@ def fit_alignment(
         measured: lines of the same edges in the picture.
         sd_px: (n,) standard deviation of the offsets.
     """
-    rows, right = _equations(expected, measured)
-    weight_sd = np.repeat(np.hypot(sd_px, _OFFSET_FLOOR_PX), 2)
-    solution, covariance = _robust(rows, right, weight_sd)
-    left = right - rows @ solution
-    residual = left.reshape(-1, 2).mean(axis=1)
+    equations = _equations(expected, measured)
+    solution, weight = equations.robust(np.hypot(sd_px, _OFFSET_FLOOR_PX))
+    left = equations.left(solution)
+    residual = left.mean(axis=-1)
     scatter = max(1.4826 * float(np.median(np.abs(left))), _SMALLEST_SCATTER_PX)
-    inlier = np.abs(residual) < 4 * np.hypot(scatter, sd_px)
+    spread = np.hypot(scatter, sd_px)
+    inlier = np.abs(residual) < 4 * spread
     rms = float(np.sqrt(np.mean(residual[inlier] ** 2))) if inlier.any() else np.inf
     alignment = Alignment(
         float(solution[0]),
@@ -114,13 +121,12 @@ def fit_alignment(
         float(np.arctan2(solution[2], 1 + solution[3])),
         float(np.hypot(1 + solution[3], solution[2])),
     )
+    covariance = np.linalg.inv(equations.system(weight / spread**2))
     scale_sd = float(np.sqrt(covariance[3, 3]))
     return AlignmentFit(alignment, residual, np.asarray(inlier), rms, scale_sd)
 
 
-def _equations(
-    expected: Sequence[Line], measured: Sequence[Line]
-) -> tuple[FloatArray, FloatArray]:
+def _equations(expected: Sequence[Line], measured: Sequence[Line]) -> _Equations:
     """Two points per edge: n . (d + w J p + s p) = offset there."""
     rows, right = [], []
     for line, found in zip(expected, measured, strict=True):
@@ -130,31 +136,84 @@ def _equations(
             turned = np.array([-point[1], point[0]])
             rows.append([normal[0], normal[1], normal @ turned, normal @ point])
             right.append(float(normal @ (found.middle_px - point)))
-    return np.array(rows).reshape(-1, 4), np.array(right)
+    return _Equations(np.array(rows).reshape(-1, 2, 4), np.array(right).reshape(-1, 2))
 
 
-def _robust(
-    rows: FloatArray, right: FloatArray, sd: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Iteratively reweighted least squares, first L1, then Tukey's biweight.
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """Two linear equations for the similarity from each of n edges.
 
-    Returns the solution and its covariance.
+    Solutions are (..., 4), weights of the edges (..., n).
     """
-    weight = 1 / sd
-    prior = np.diag(1 / _PRIOR_SD**2)
-    solution: FloatArray = np.zeros(rows.shape[1])
-    system = prior
-    for number in range(_ROUNDS):
-        scaled = rows * (weight**2)[:, None]
-        system = rows.T @ scaled + prior
-        solution = np.asarray(np.linalg.solve(system, scaled.T @ right))
-        left = np.abs(right - rows @ solution)
-        scatter = max(1.4826 * float(np.median(left)), _SMALLEST_SCATTER_PX)
-        spread = np.hypot(scatter, sd)
-        if number < _ROUNDS // 2:
-            weight = np.asarray(np.sqrt(1 / np.maximum(left / spread, 0.3)) / spread)
-        else:
-            weight = np.asarray(
-                np.clip(1 - (left / (4.7 * spread)) ** 2, 0, 1) / spread
-            )
-    return solution, np.asarray(np.linalg.inv(system))
+
+    rows: FloatArray
+    right: FloatArray
+
+    def system(self, weight: FloatArray) -> FloatArray:
+        """Normal equations (..., 4, 4) with the weak beliefs."""
+        gram = np.einsum("nki,nkj->nij", self.rows, self.rows)
+        return np.asarray(
+            np.tensordot(weight, gram, axes=1) + np.diag(1 / _PRIOR_SD**2)
+        )
+
+    def solved(self, weight: FloatArray) -> FloatArray:
+        """Weighted least squares."""
+        right = weight @ np.einsum("nki,nk->ni", self.rows, self.right)
+        return np.asarray(
+            np.linalg.solve(self.system(weight), right[..., None])[..., 0]
+        )
+
+    def left(self, solution: FloatArray) -> FloatArray:
+        """What solutions leave of the equations, (..., n, 2)."""
+        reached = np.einsum("nki,...i->...nk", self.rows, solution)
+        return np.asarray(self.right - reached)
+
+    def missed(self, solution: FloatArray) -> FloatArray:
+        """Root mean square of what they leave of each edge, (..., n)."""
+        return np.asarray(np.sqrt(np.mean(self.left(solution) ** 2, axis=-1)))
+
+    def robust(self, sd_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The solution that most edges agree on, and the edges' weights, 0 to 1.
+
+        Starts from every pair of edges and from all of them together; the pairs that
+        suit half of the edges best, and all, are refined by Tukey's biweight, and the
+        one with the smallest cost is taken. An edge counts as a whole, by its own
+        standard deviation.
+        """
+        best = self._trimmed(sd_px)
+        missed = self.missed(best[0])
+        freedom = max(len(sd_px) - 2, 1) / len(sd_px)
+        scatter = _RAYLEIGH * float(np.median(missed)) / np.sqrt(freedom)
+        spread = np.hypot(max(scatter, _ROUNDING_PX), sd_px)
+        everything = np.ones((1, len(sd_px)))
+        solution = np.concatenate([self.solved(everything / sd_px**2), best])
+        for _ in range(_ROUNDS):
+            weight = _biweight(self.missed(solution) / spread)
+            solution = self.solved(weight / spread**2)
+        agreed = np.clip(1 - (self.missed(solution) / spread / _CUT) ** 2, 0, 1)
+        chosen = int(np.argmin((1 - agreed**3).sum(axis=-1)))
+        return solution[chosen], weight[chosen]
+
+    def _trimmed(self, sd_px: FloatArray) -> FloatArray:
+        """Least trimmed squares over half of the edges, the best few (m, 4)."""
+        count = len(sd_px)
+        first, second = np.triu_indices(count, 1)
+        step = -(-len(first) // _MOST_STARTS) or 1
+        pairs = np.zeros((len(first[::step]), count))
+        np.put_along_axis(pairs, first[::step, None], 1.0, axis=1)
+        np.put_along_axis(pairs, second[::step, None], 1.0, axis=1)
+        chosen = np.concatenate([np.ones((1, count)), pairs])
+        half = min(count // 2 + 2, count)
+        for _ in range(_TRIMMINGS):
+            solution = self.solved(chosen / sd_px**2)
+            missed = (self.missed(solution) / sd_px) ** 2
+            cost = np.partition(missed, half - 1, axis=-1)[:, :half].sum(axis=-1)
+            best = np.argsort(cost, kind="stable")[:_KEPT_STARTS]
+            limit = np.partition(missed[best], half - 1, axis=-1)[:, half - 1]
+            chosen = (missed[best] <= limit[:, None]).astype(np.float64)
+        return solution[best]
+
+
+def _biweight(share: FloatArray) -> FloatArray:
+    """Tukey's weights of residuals in units of their spread."""
+    return np.asarray(np.clip(1 - (share / _CUT) ** 2, 0, 1) ** 2)

@@ -28,9 +28,18 @@ def test_one_alignment_after_another_is_their_product(
     assert np.allclose(together, b.apply(a.apply(POINTS)), atol=1e-8)
 
 
-@given(alignments, st.integers(0, 2**32 - 1))
-@settings(max_examples=30)
-def test_lines_moved_by_a_similarity_give_it_back(truth: Alignment, seed: int) -> None:
+OFF_PX = st.floats(-30, 30)
+
+
+@given(
+    alignments,
+    st.integers(0, 2**32 - 1),
+    st.lists(st.tuples(OFF_PX, OFF_PX), min_size=2, max_size=2),
+)
+@settings(max_examples=60, deadline=None)
+def test_lines_moved_by_a_similarity_give_it_back(
+    truth: Alignment, seed: int, off_px: list[tuple[float, float]]
+) -> None:
     rng = np.random.default_rng(seed)
     starts, ends = rng.uniform(-200, 200, (2, 14, 2))
     ends = (
@@ -41,10 +50,10 @@ def test_lines_moved_by_a_similarity_give_it_back(truth: Alignment, seed: int) -
         truth.shift_x_px / 20, truth.shift_y_px / 20, truth.roll_rad / 20, 1.002
     )
     measured = [small.line(a, b) for a, b in zip(starts, ends, strict=True)]
-    # Two edges lock onto something else: beside, for along themselves nobody sees it.
-    for number, off_px in ((3, 5.7), (8, -7.1)):
-        away = off_px * measured[number].across
+    # Two edges lock onto something else, anywhere along and across.
+    for number, (along, across) in zip((3, 8), off_px, strict=True):
         line = measured[number]
+        away = along * line.along + across * line.across
         measured[number] = Line(line.start_px + away, line.end_px + away)
     found = fit_alignment(expected, measured, np.full(14, 0.03)).alignment
     assert np.abs(found.apply(POINTS) - small.apply(POINTS)).max() < 0.15
