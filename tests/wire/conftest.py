@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from drivers.arm_ur import UrArm
@@ -14,6 +15,8 @@ from mvp.devices import DeviceContext
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from mvp.devices import Lens
 
 _MOVES = (1, 2, 3, 4, 45)  # moveJ, moveJ_IK, moveL, moveL_FK, a path
 
@@ -67,3 +70,53 @@ def ur_bench() -> Iterator[Callable[..., UrBench]]:
     """Makes simulated UR controllers; all are ended with the test."""
     with ExitStack() as stack:
         yield lambda **settings: UrBench(stack, **settings)
+
+
+class LensBench:
+    """A simulated lens controller, its fault channel, and lenses that drive it."""
+
+    def __init__(
+        self,
+        stack: ExitStack,
+        simulator: type,
+        driver: type,
+        keys: dict[str, object],
+        settings: dict[str, object],
+    ) -> None:
+        config = simulator.Config.model_validate({"speed_scale": 20, **settings})
+        context = DeviceContext(rng=np.random.default_rng(7))
+        self._stack = stack
+        self._driver = driver
+        self.simulator = simulator.from_config(config, context, name="lens")
+        self.keys = {**self.simulator.start(), "identify_s": 3, **keys}
+        stack.callback(self.simulator.stop)
+        port = self.simulator.control_port
+        self.faults = stack.enter_context(ControlClient(port))
+
+    def lens(self, context: DeviceContext | None = None, **keys: object) -> Lens:
+        """A driver for this controller, open; closed with the test."""
+        config = self._driver.Config.model_validate({**self.keys, **keys})
+        context = context or DeviceContext()
+        lens = self._driver.from_config(config, context, name="lens")
+        return self._stack.enter_context(lens)
+
+    def do(self, verb: str, **arguments: object) -> dict[str, object]:
+        """One thing over the fault channel."""
+        return self.faults.do(verb, **arguments)
+
+    def places(self) -> dict[str, float]:
+        """Where the motors truly are, in steps."""
+        return self.do("state")["places"]
+
+
+@pytest.fixture
+def lens_bench() -> Iterator[Callable[..., LensBench]]:
+    """Makes simulated lens controllers; all are ended with the test."""
+    with ExitStack() as stack:
+
+        def make(
+            simulator: type, driver: type, keys: dict[str, object], **settings: object
+        ) -> LensBench:
+            return LensBench(stack, simulator, driver, keys, settings)
+
+        yield make

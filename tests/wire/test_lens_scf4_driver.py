@@ -3,14 +3,13 @@
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from drivers.lens_scf4 import Scf4Lens
-from drivers.simulators.control import ControlClient
 from drivers.simulators.scf4 import Scf4Simulator
 from mvp.devices import DeviceContext, ReplayTransport
 from mvp.errors import (
@@ -266,45 +265,10 @@ def test_nothing_forbidden_is_ever_sent(far_end: FarEnd) -> None:
     assert not [line for line in orders(far_end) if forbidden.match(line)]
 
 
-class Bench:
-    """A running simulator, its fault channel, and lenses on it."""
-
-    def __init__(self, **keys: object) -> None:
-        config = Scf4Simulator.Config.model_validate({"speed_scale": 20, **keys})
-        context = DeviceContext(rng=np.random.default_rng(7))
-        self.simulator = Scf4Simulator.from_config(config, context, name="lens")
-        self.keys = {**self.simulator.start(), **AXES}
-        self.faults = ControlClient(self.simulator.control_port)
-        self.lenses: list[Scf4Lens] = []
-
-    def lens(self, context: DeviceContext | None = None, **keys: object) -> Scf4Lens:
-        config = Scf4Lens.Config.model_validate({**self.keys, "identify_s": 3, **keys})
-        lens = Scf4Lens.from_config(config, context or DeviceContext(), name="lens")
-        self.lenses.append(lens)
-        lens.open()
-        return lens
-
-    def places(self) -> dict[str, float]:
-        return self.faults.do("state")["places"]
-
-    def close(self) -> None:
-        for lens in self.lenses:
-            lens.close()
-        self.faults.close()
-        self.simulator.stop()
-
-
 @pytest.fixture
-def bench() -> Iterator[Callable[..., Bench]]:
-    benches: list[Bench] = []
-
-    def make(**keys: object) -> Bench:
-        benches.append(Bench(**keys))
-        return benches[-1]
-
-    yield make
-    for each in benches:
-        each.close()
+def bench(lens_bench) -> Callable[..., object]:
+    """A simulator and a lens on it; keys are those of the simulator."""
+    return partial(lens_bench, Scf4Simulator, Scf4Lens, AXES)
 
 
 @pytest.mark.parametrize(
@@ -336,7 +300,7 @@ def test_bytes_in_pieces_late_and_echoed_change_nothing(bench) -> None:
 def test_a_late_answer_is_not_taken_for_the_next_one(bench) -> None:
     b = bench()
     lens = b.lens(answer_s=0.3)
-    b.faults.do("hold_next", seconds=0.5)
+    b.do("hold_next", seconds=0.5)
     assert lens.state().steps() == {"zoom": 0, "focus": 0, "iris": 0}
     assert lens.home(timeout_s=60).homed
 
@@ -344,7 +308,7 @@ def test_a_late_answer_is_not_taken_for_the_next_one(bench) -> None:
 def test_a_motor_that_never_finds_its_sensor_times_out_and_stands(bench) -> None:
     b = bench()
     lens = b.lens()
-    b.faults.do("stall", axis="zoom")
+    b.do("stall", axis="zoom")
     with pytest.raises(DeviceTimeout):
         lens.home(timeout_s=1.0)
     state = lens.state()
@@ -355,14 +319,13 @@ def test_a_motor_that_never_finds_its_sensor_times_out_and_stands(bench) -> None
 def test_a_controller_that_restarts_in_motion_is_a_fault(bench) -> None:
     b = bench(speed_scale=1)
     lens = b.lens()
-    b.simulator.host.verbs()
-    b.faults.do("turn", axis="zoom", steps=8100)  # close to its edge
-    b.faults.do("turn", axis="focus", steps=6100)
+    b.do("turn", axis="zoom", steps=8100)  # close to its edge
+    b.do("turn", axis="focus", steps=6100)
     lens.home(timeout_s=60)
     result = meanwhile(
         lambda: lens.move_steps(zoom=20000, focus=36000, iris=1000, timeout_s=60),
         lambda: not lens.state().standing,
-        lambda: b.faults.do("power_cycle"),
+        lambda: b.do("power_cycle"),
     )
     assert isinstance(result, DeviceError)
     assert not lens.state().homed
@@ -375,12 +338,12 @@ def test_a_pulled_cable_in_motion_is_a_lost_link_and_costs_home(bench) -> None:
     result = meanwhile(
         lambda: lens.move_steps(zoom=20000, focus=30000, iris=1000, timeout_s=60),
         lambda: not lens.state().standing,
-        lambda: b.faults.do("unplug"),
+        lambda: b.do("unplug"),
     )
     assert isinstance(result, LinkLost)
     with pytest.raises(LinkLost):
         lens.state()
-    b.faults.do("replug")
+    b.do("replug")
     lens.close()
     lens.open()
     assert not lens.state().homed
@@ -420,7 +383,7 @@ def test_a_noisy_line_ends_in_a_device_error_or_the_right_place(bench) -> None:
     lens.home(timeout_s=60)
     outcomes = []
     for k in range(12):
-        b.faults.do("noise", drop=0.004, flip=0.004)
+        b.do("noise", drop=0.004, flip=0.004)
         target = {"zoom": 20000 + 500 * k, "focus": 36000, "iris": 1000 + 10 * k}
         try:
             lens.move_steps(**target, timeout_s=10)
@@ -428,7 +391,7 @@ def test_a_noisy_line_ends_in_a_device_error_or_the_right_place(bench) -> None:
             assert b.places() == pytest.approx(target, abs=1)
         except DeviceError as error:
             outcomes.append(type(error).__name__)
-            b.faults.do("noise")
+            b.do("noise")
             lens.home(timeout_s=60)
     assert "done" in outcomes
 
@@ -437,10 +400,10 @@ def test_a_recorded_fault_plays_back(bench, tmp_path: Path) -> None:
     b = bench()
     lens = b.lens(DeviceContext(dump_folder=tmp_path), answer_s=0.2)
     lens.info()
-    b.faults.do("noise", silence=True)
+    b.do("noise", silence=True)
     with pytest.raises(DeviceTimeout) as caught:
         lens.state()
-    b.faults.do("noise")
+    b.do("noise")
     dump = tmp_path / "lens-1.wire.jsonl"
     assert str(dump) in caught.value.hint
     config = Scf4Lens.Config.model_validate({**b.keys, "answer_s": 0.2})
