@@ -92,6 +92,17 @@ def home_of(file: Path) -> Path:
     return file.parent
 
 
+def as_stored(file: Path, home: Path) -> str:
+    """How a plan names a file: relative to the cell's folder when it lies inside it."""
+    file, home = file.resolve(), home.resolve()
+    return file.relative_to(home).as_posix() if file.is_relative_to(home) else str(file)
+
+
+def as_found(stored: str, home: Path) -> Path:
+    """The file that ``as_stored`` named, whatever the current folder is."""
+    return home / stored
+
+
 def inside(home: Path, start: Path, name: str, where: str) -> Path:
     """Resolve ``name`` from ``start`` to an existing file inside ``home``.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from mvp.cell.arm_setup import ArmSetup
 from mvp.cell.contrast import ContrastForecast
+from mvp.cell.places import as_stored
 from mvp.cell.plan_document import ViewWriter, not_covered
 from mvp.cell.plan_problem import ProblemFactory
 from mvp.cell.plan_views import Found, ViewFinder
@@ -113,11 +114,14 @@ def make_plan(
         for number, view in enumerate(found.views, 1)
     ]
     watch.lap("optimise")
+    home = cell.source.path.parent
     plan = Plan(
         status=_status(found),
         seed=seed,
-        part=FileStamp(file=str(task.part_file), sha256=setting.scene.part.sha256),
-        task=FileStamp(file=str(task.source.path), sha256=task.sha256),
+        part=FileStamp(
+            file=as_stored(task.part_file, home), sha256=setting.scene.part.sha256
+        ),
+        task=FileStamp(file=as_stored(task.source.path, home), sha256=task.sha256),
         cell=CellStamp(
             name=cell.config.name, sha256=cell.sha256, simulated=cell.config.simulated
         ),

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from mvp.cell.durable import check_writable
 from mvp.cell.loading import load_task
 from mvp.cell.lock import cell_lock
+from mvp.cell.places import as_found
 from mvp.cell.plan_job import Setting, prepare
 from mvp.cell.records import (
     Captured,
@@ -61,7 +62,8 @@ def resume_run(
     """
     folder = find_run(run, [options.out])
     plan = folder.read_plan()
-    task = load_task(cell, plan.task.file)
+    task_file = as_found(plan.task.file, cell.source.path.parent)
+    task = load_task(cell, str(task_file))
     setting = prepare(cell, task)
     with ExitStack() as stack:
         lock = lock_of(setting, folder.path.parent)

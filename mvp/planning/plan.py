@@ -18,7 +18,10 @@ Matrix: TypeAlias = Annotated[
 
 
 class FileStamp(FileModel):
-    """A file and the SHA-256 of its bytes."""
+    """A file and the SHA-256 of its bytes.
+
+    ``file`` is relative to the cell's folder when it lies inside it, else absolute.
+    """
 
     file: str
     sha256: str

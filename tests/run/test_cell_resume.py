@@ -67,6 +67,8 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     loaded = load_cell(str(cell))
     plan = make_plan(loaded, load_task(loaded, "two")).plan
     assert [view.id for view in plan.views] == ["v1", "v2"]
+    assert plan.task.file == "tasks/two.toml"
+    assert plan.part.file == "parts/paper_object.stl"
     plan_file = cell.parent / "plan.json"
     plan_file.write_text(plan.model_dump_json(by_alias=True))
     return cell, plan_file
@@ -268,10 +270,15 @@ def test_a_run_whose_process_died_is_listed_as_broken_off_with_its_command(
 
 
 def test_a_complete_run_is_resumed_without_opening_a_device(
-    planned: tuple[Path, Path], broken_off: Path, tmp_path: Path
+    planned: tuple[Path, Path],
+    broken_off: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """From another folder than the one it began in, too."""
     folder = tmp_path / broken_off.name
     shutil.copytree(broken_off, folder)
+    monkeypatch.chdir(tmp_path)
     assert resume(planned, folder) in JUDGED
     count = len(read_records(folder / "records.jsonl"))
     assert resume(planned, folder) in JUDGED
