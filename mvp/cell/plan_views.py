@@ -11,10 +11,13 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import TYPE_CHECKING, TypeAlias
 
+import numpy as np
+
 from mvp.cell.objectives import repairs, searched
 from mvp.cell.realise_view import RealisedView, realise
 from mvp.cell.unseen import unseen
 from mvp.planning.explain import explain
+from mvp.planning.rows import RowTable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -304,18 +307,37 @@ def _inadmissible(
             found,
         )
     best = solutions[0]
-    worst = min(best.margins.items(), key=lambda item: item[1].index)
-    row = "" if worst[0] == "visibility" else f" ({worst[1].row})"
+    worst = min(best.margins, key=lambda kind: best.margins[kind].index)
     return Failed(
         tuple(features),
-        f"the best view found misses {worst[0].replace('_', ' ')} by "
-        f"{abs(worst[1].value):.3g} {worst[1].unit}{row}",
-        worst[0],
+        f"the best view found misses {missed(problem, best)}",
+        worst,
         problem,
         found,
     )
 
 
+def missed(problem: PlanningProblem, best: Solution) -> str:
+    """Every requirement that a view misses, worst first, by how much and where."""
+    table = RowTable.of(problem)
+    found = []
+    for kind, margin in sorted(best.margins.items(), key=lambda item: item[1].index):
+        if margin.index >= 0:
+            continue
+        rows = table.mask(kind) & (best.index < 0)
+        order = np.argsort(np.where(rows, best.index, np.inf))[: rows.sum()]
+        labels = dict.fromkeys(table.labels[row] for row in order)
+        where = "" if kind == "visibility" else f" ({_shortened(list(labels), '; ')})"
+        amount = f"{abs(margin.value):.3g} {margin.unit}"
+        found.append(f"{kind.replace('_', ' ')} by {amount}{where}")
+    return ", ".join(found)
+
+
 def _names(features: Sequence[Feature]) -> str:
-    names = ", ".join(f.id for f in features[:3])
-    return names if len(features) <= 3 else f"{names} and {len(features) - 3} more"
+    return _shortened([f.id for f in features], ", ")
+
+
+def _shortened(names: Sequence[str], between: str) -> str:
+    """The first three names and how many more there are."""
+    shown = between.join(names[:3])
+    return shown if len(names) <= 3 else f"{shown} and {len(names) - 3} more"
