@@ -74,6 +74,8 @@ def load_library() -> tuple[Any, Any]:
         ctypes.POINTER(ctypes.c_uint32),
     ]
     arv.arv_fake_camera_set_trigger_frequency.argtypes = [pointer, ctypes.c_double]
+    arv.arv_fake_camera_get_payload.argtypes = [pointer]
+    arv.arv_fake_camera_get_payload.restype = ctypes.c_size_t
     arv.arv_buffer_get_data.argtypes = [pointer, ctypes.POINTER(ctypes.c_size_t)]
     arv.arv_buffer_get_data.restype = pointer
     gobject.g_object_unref.argtypes = [pointer]
@@ -239,8 +241,9 @@ class FakeCamera:
         self, buffer: int, _data: int | None, exposure_us: int, gain: int, code: int
     ) -> None:
         """Fill a picture; an error must not reach the library."""
-        size = ctypes.c_size_t()
-        place = self._arv.arv_buffer_get_data(buffer, ctypes.byref(size))
+        # The buffer counts what was received, which is nothing yet.
+        place = self._arv.arv_buffer_get_data(buffer, None)
+        room = int(self._arv.arv_fake_camera_get_payload(self._inner))
         region = Region(
             self._register(_WIDTH),
             self._register(_HEIGHT),
@@ -252,4 +255,4 @@ class FakeCamera:
         except Exception:
             _LOG.exception("no picture for the simulated camera")
             pixels = b""
-        ctypes.memmove(place, pixels, min(len(pixels), size.value))
+        ctypes.memmove(place, pixels, min(len(pixels), room))
