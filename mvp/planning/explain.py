@@ -16,7 +16,6 @@ import numpy as np
 from mvp.constraints import Visibility
 from mvp.optics.thick_lens import focus_distance_mm
 from mvp.planning.blockers import FaceName, blocking_faces, limiting_faces
-from mvp.planning.chart import Chart
 from mvp.planning.cures import Cure, knob_cures, lens_cure
 from mvp.planning.rows import RowTable
 from mvp.visibility import Region
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from mvp.planning.solve import Attempt
 
 _MINOR_DUAL = 0.01
-_CLEAR_OF_TARGET = 1.2
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,7 @@ def explain(
     )
     if not failed.solutions:
         return _seen_from_nowhere(problem, searched, namer, splittable=splittable)
-    best = _sensible(problem, failed.solutions)
+    best = failed.solutions[0]
     conflicts = conflict_set(problem, best)
     cures, no_help = knob_cures(problem, failed, namer)
     lens = lens_cure(problem, seed)
@@ -135,19 +133,6 @@ def explain(
         searched=searched,
         blockers=blockers,
     )
-
-
-def _sensible(problem: PlanningProblem, ends: tuple[Solution, ...]) -> Solution:
-    """The best end that is not pressed against the target.
-
-    Right in front of the features every error is large, so that a hopeless view can
-    miss by few standard deviations.
-    """
-    chart = Chart.of(problem)
-    for end in ends:
-        if chart.target_camera(end.view)[0, 2] > _CLEAR_OF_TARGET * chart.nearest_mm:
-            return end
-    return ends[0]
 
 
 def conflict_set(problem: PlanningProblem, best: Solution) -> tuple[Conflict, ...]:

@@ -15,6 +15,7 @@ from mvp.planning.components import component_numbers
 from mvp.planning.distances import distance_bounds_mm
 from mvp.planning.rows import RowTable
 from mvp.planning.search import Climbed, Limits, climb
+from mvp.planning.second_look import farther, in_order, misled
 from mvp.planning.solution import Solution, described
 from mvp.planning.starts import Start, user_starts
 from mvp.planning.step import LinearModel, by_kind, max_min
@@ -45,7 +46,8 @@ class Attempt:
     """Everything one run of the search found out.
 
     Attributes:
-        solutions: best first, one per distinct end.
+        solutions: best first, one per distinct end; where none is admissible, those
+            pressed against the target come last.
         screened: the candidates it started from.
     """
 
@@ -88,6 +90,10 @@ def attempt(
     """``solve``, with the candidates: what an explanation of a failure needs."""
     tell = progress or (lambda stage, share: None)
     ended = searched(problem, seed=seed, progress=progress, stop_at_index=stop_at_index)
+    if misled(problem, ended.solutions):
+        again = searched(farther(problem), seed=seed, stop_at_index=stop_at_index)
+        ends = in_order(problem, (*ended.solutions, *again.solutions))
+        ended = replace(ended, solutions=ends)
     if not ended.solutions or ended.solutions[0].t >= stop_at_index:
         return ended
     tell("second stage", 0.8)

@@ -23,7 +23,7 @@ from mvp.planning import (
     solve,
 )
 from mvp.planning.blockers import blocking_faces
-from mvp.testing.clutter_scene import clutter_scene
+from mvp.testing.clutter_scene import ClutterBox, clutter_scene
 from mvp.testing.planning_scenes import (
     IMAGE_DIAMETER_MM,
     PlanningScene,
@@ -59,8 +59,14 @@ def too_far_focus() -> tuple[PlanningProblem, Attempt, Explanation]:
 
 @cache
 def too_near_focus() -> tuple[PlanningProblem, Attempt, Explanation]:
-    problem = clutter_scene().problem(
-        lens=_lens(14.6, 15.0, a_mm=3.125), starts=12, candidates=20_000
+    return _too_near_focus(ClutterBox(hole_sides=8), starts=6, candidates=10_000)
+
+
+def _too_near_focus(
+    sizes: ClutterBox, *, starts: int, candidates: int
+) -> tuple[PlanningProblem, Attempt, Explanation]:
+    problem = clutter_scene(sizes).problem(
+        lens=_lens(14.6, 15.0, a_mm=3.125), starts=starts, candidates=candidates
     )
     failed = attempt(problem, seed=SEED)
     return problem, failed, explain(problem, failed, seed=SEED)
@@ -181,15 +187,31 @@ def test_the_field_that_helps_the_fast_lens_is_wider_by_the_features_own_size():
 
 
 @pytest.mark.full
+def test_round_holes_change_nothing_about_the_fast_lens():
+    _, failed, why = _too_near_focus(ClutterBox(), starts=24, candidates=40_000)
+    assert failed.solutions[0].t == pytest.approx(-1.8, abs=0.4)
+    assert {cure.kind for cure in why.cures} == {"lens", "blur", "field_of_view"}
+    assert set(why.no_help) == {"resolution", "visibility"}
+
+
+@pytest.mark.full
 def test_a_lens_that_cannot_focus_near_enough_is_named_as_the_cause():
     problem = race().problem(
         stricter=14, lens=_lens(12.6, 13.2), starts=24, candidates=40_000
     )
     failed = attempt(problem, seed=0)
     why = explain(problem, failed, seed=0)
-    assert why.nearest.t < -15
-    names = {c.name for c in why.conflicts}
-    assert {"d_max", "focus_near"} <= names
+    assert why.nearest.t == pytest.approx(-20.9, abs=0.2)
+    weight = {c.name: c.weight for c in why.conflicts}
+    assert set(weight) == {
+        "d_max",
+        "focus_near",
+        "visibility",
+        "resolution",
+        "field_of_view",
+    }
+    assert weight["focus_near"] == pytest.approx(0.70, abs=0.03)
+    assert weight["visibility"] == pytest.approx(0.16, abs=0.04)
     cures = {cure.kind: cure for cure in why.cures}
     assert "lens range is the cause" in why.reason
     assert 13.5 * cures["blur"].value == pytest.approx(61.7, rel=0.03)
