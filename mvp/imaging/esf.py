@@ -38,16 +38,6 @@ class Optics:
     pixel_x_px: float
     diffraction_px: float
 
-    @property
-    def airy_fwhm_px(self) -> float:
-        """Full width at half maximum of the diffraction spot, 1.03 lambda N_w."""
-        return 1.03 * self.diffraction_px
-
-    @property
-    def floor_px(self) -> float:
-        """Below this blur diameter the estimate says little."""
-        return 0.5 * max(1.0, self.airy_fwhm_px)
-
 
 @dataclass(frozen=True)
 class SpreadValues:

@@ -112,7 +112,8 @@ class ExpectedEdge:
 
         There 1/z is linear.
         """
-        return 1 / ((1 - share) / self.start_mm[2] + share / self.end_mm[2])
+        inverse = (1 - share) / self.start_mm[2] + share / self.end_mm[2]
+        return np.asarray(1 / inverse)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from mvp.imaging.expectation import (
     ViewTolerance,
 )
 from mvp.imaging.measure_plane import ImagePlane
-from mvp.imaging.predict_contrast import LightModel, contrast_at
+from mvp.imaging.predict_contrast import contrast_at
 from mvp.imaging.predict_geometry import (
     SAME_PLACE_MM,
     cropped,
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from mvp.geometry import BoolArray, FloatArray, Pose, TriangleMesh
+    from mvp.imaging.light import Illumination
     from mvp.optics import Intrinsics
     from mvp.scene import Feature
 
@@ -79,7 +80,7 @@ class _Stage:
     scene: RenderScene
     pose: Pose
     plane: ImagePlane
-    light: LightModel | None
+    light: Illumination | None
     lines: Lines
     seen: Sightings
     requirements: Mapping[str, Requirement]
@@ -99,7 +100,7 @@ def expect_view(
     c_mm: float,
     tolerance: ViewTolerance | None = None,
     requirements: Mapping[str, Requirement] | None = None,
-    light: LightModel | None = None,
+    light: Illumination | None = None,
     auxiliary: int = 13,
 ) -> ViewExpectation:
     """Predict the lines of one picture.

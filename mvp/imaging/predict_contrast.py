@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mvp.geometry import BoolArray, FloatArray, IntArray, Pose
-    from mvp.imaging.light import Float32Array
+    from mvp.imaging.light import Float32Array, Illumination
     from mvp.imaging.measure_plane import ImagePlane
     from mvp.imaging.render_scene import RenderScene
 
@@ -23,24 +23,6 @@ _SAME_FACE = np.cos(np.deg2rad(20.0))
 _SAME_DEPTH = 0.1
 # How far a face must reach beside a line to have a level of its own.
 WIDER_PX = 2.5
-
-
-class LightModel(Protocol):
-    """Grey of lit points; ``background`` where nothing is hit."""
-
-    @property
-    def background(self) -> float:
-        """Grey of empty space."""
-        ...
-
-    def radiance(
-        self,
-        points: Float32Array,
-        normals: Float32Array,
-        albedo: Float32Array,
-    ) -> Float32Array:
-        """Grey (n,) of points (3, n) with normals (3, n), camera frame."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +49,7 @@ class LitPlaces:
             self.albedo[places],
         )
 
-    def greys(self, light: LightModel, turns_rad: FloatArray) -> FloatArray:
+    def greys(self, light: Illumination, turns_rad: FloatArray) -> FloatArray:
         """Greys (R, n) when the camera, and its light, is turned about its axis.
 
         Args:
@@ -117,12 +99,12 @@ class BothSides:
     before: LitPlaces
     behind: LitPlaces
 
-    def steps(self, light: LightModel, turns_rad: FloatArray) -> FloatArray:
+    def steps(self, light: Illumination, turns_rad: FloatArray) -> FloatArray:
         """Step over the brighter grey, (R, n), for a camera turned about its axis."""
         a, b = (p.greys(light, turns_rad) for p in (self.before, self.behind))
         return np.asarray((b - a) / np.maximum(np.maximum(a, b), 1e-6))
 
-    def contrast(self, light: LightModel, turns_rad: FloatArray) -> FloatArray:
+    def contrast(self, light: Illumination, turns_rad: FloatArray) -> FloatArray:
         """|step| over the brighter grey, (R, n)."""
         return np.abs(self.steps(light, turns_rad))
 
@@ -178,7 +160,7 @@ def contrast_at(
     places_px: FloatArray,
     normals_px: FloatArray,
     away_px: float,
-    light: LightModel,
+    light: Illumination,
     scene: RenderScene,
     part_from_camera: Pose,
     plane: ImagePlane,

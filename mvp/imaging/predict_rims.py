@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.imaging.expectation import ExpectedRim, Requirement
-from mvp.imaging.predict_contrast import WIDER_PX, LightModel, both_sides, crowded
+from mvp.imaging.predict_contrast import WIDER_PX, both_sides, crowded
 from mvp.imaging.predict_lines import Lines, hidden
 
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, IntArray, Pose
+    from mvp.imaging.light import Illumination
     from mvp.imaging.measure_plane import ImagePlane
     from mvp.imaging.render_scene import RenderScene
 
@@ -32,7 +33,7 @@ def expected_rim(
     scene: RenderScene,
     part_from_camera: Pose,
     plane: ImagePlane,
-    light: LightModel | None,
+    light: Illumination | None,
     requirement: Requirement | None,
     lines: Lines,
 ) -> ExpectedRim:
@@ -78,7 +79,7 @@ class _Beside:
 def _beside(
     places: FloatArray,
     away_px: float,
-    light: LightModel | None,
+    light: Illumination | None,
     scene: RenderScene,
     part_from_camera: Pose,
     plane: ImagePlane,

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mvp.geometry import FloatArray
     from mvp.imaging.edge_samples import Line, Picture
     from mvp.imaging.expectation import ExpectedEdge, ExpectedPoint, ViewExpectation
+    from mvp.imaging.hole_rim import RimMeasurement
     from mvp.imaging.measure_edges import EdgeMeasurement
     from mvp.imaging.measure_plane import ImagePlane
     from mvp.imaging.measure_view import MeasuredView
@@ -32,9 +33,11 @@ _NEARLY_WHOLE = 0.95
 _PLACES = 33
 
 
-def blur_of(found: EdgeMeasurement | None, predicted_px: float, c_px: float) -> Blur:
+def blur_of(
+    found: EdgeMeasurement | RimMeasurement, predicted_px: float, c_px: float
+) -> Blur:
     """Blur diameter with its 95 % interval."""
-    if found is None or not found.found or found.saturated > SATURATED:
+    if not found.found or found.saturated > SATURATED:
         return Blur(None, None, None, predicted_px, c_px)
     low = found.blur_q_px2 - _TWO_SIGMA * found.blur_q_sd
     high = found.blur_q_px2 + _TWO_SIGMA * found.blur_q_sd
@@ -71,7 +74,7 @@ def edge_report(
         _end(picture, view, index, line.start_px, edge.start_neighbours, expectation),
         _end(picture, view, index, line.end_px, edge.end_neighbours, expectation),
     ]
-    length, sd = _length(ends, found)
+    length, sd = _length(ends)
     offset = _offset_at_middle(edge, found) if found.found else None
     raw = [
         tuple(map(float, expectation.plane.raw(p)))
@@ -154,9 +157,7 @@ def _end(
     return find_end(picture, view.found[index], expected_px, crossings, own)
 
 
-def _length(
-    ends: list[EndPoint], found: EdgeMeasurement
-) -> tuple[float | None, float | None]:
+def _length(ends: list[EndPoint]) -> tuple[float | None, float | None]:
     if not (ends[0].measured and ends[1].measured):
         return None, None
     between = ends[1].place_px - ends[0].place_px
@@ -223,20 +224,39 @@ def broken_promises(report: EdgeReport, expectation: ViewExpectation) -> list[st
             )
     sd = report.offset_sd_px or 0.0
     limit_px = max(report.allowed_offset_px, 1.0) + 3 * sd
+    doubt = 0.0
+    if report.measured_px and report.measured_sd_px:
+        doubt = 2 * report.measured_sd_px / report.measured_px
+    return broken + broken_by_any(report, limit_px, doubt)
+
+
+def broken_by_any(
+    report: EdgeReport | HoleReport, limit_px: float, doubt: float
+) -> list[str]:
+    """What an edge or a rim does not keep besides its size, in words.
+
+    Args:
+        report: of the feature.
+        limit_px: how far it may lie beside its place.
+        doubt: relative uncertainty of its size.
+    """
+    broken = []
     if report.offset_px is not None and abs(report.offset_px) > limit_px:
         broken.append(beside_words(report.offset_px, limit_px))
     if report.visible_fraction < VISIBLE:
-        broken.append(seen_words(report.visible_fraction))
+        share = report.visible_fraction
+        broken.append(f"seen on {share:.0%} of its length (limit {VISIBLE:.0%})")
     if report.saturated > SATURATED:
-        broken.append(saturated_words(report.saturated))
-    if report.blur.measured_px is not None and too_blurred(report.blur):
+        share = report.saturated
+        broken.append(f"{share:.0%} of its pixels saturated (limit {SATURATED:.0%})")
+    if report.blur.measured_px is not None and _too_blurred(report.blur):
         broken.append(
             f"blur {report.blur.measured_px:.2f} px above {report.blur.c_px:.2f}"
         )
-    if too_coarse(report.detail_px, report.required_px, report):
+    detail, required = report.detail_px, report.required_px
+    if detail is not None and required is not None and detail * (1 + doubt) < required:
         broken.append(
-            f"the required detail covers {report.detail_px:.2f} px"
-            f" instead of {report.required_px:.2f}"
+            f"the required detail covers {detail:.2f} px instead of {required:.2f}"
         )
     return broken
 
@@ -246,35 +266,13 @@ def beside_words(offset_px: float, limit_px: float) -> str:
     return f"{abs(offset_px):.1f} px beside its place (limit {limit_px:.1f} px)"
 
 
-def seen_words(share: float) -> str:
-    """A feature that is not seen whole."""
-    return f"seen on {share:.0%} of its length (limit {VISIBLE:.0%})"
-
-
-def saturated_words(share: float) -> str:
-    """A feature with clipped pixels."""
-    return f"{share:.0%} of its pixels saturated (limit {SATURATED:.0%})"
-
-
-def too_blurred(blur: Blur) -> bool:
+def _too_blurred(blur: Blur) -> bool:
     """Above the acceptable circle beyond doubt (3 standard deviations)."""
     low, high, measured = blur.low_px, blur.high_px, blur.measured_px
     if low is None or high is None or measured is None:
         return False
     sd = (high - low) / (2 * _TWO_SIGMA)
     return measured > blur.c_px + 3 * sd and low > blur.c_px
-
-
-def too_coarse(
-    detail_px: float | None, required_px: float | None, report: EdgeReport | None
-) -> bool:
-    """The measured image of the required detail is too small, beyond doubt."""
-    if detail_px is None or required_px is None:
-        return False
-    doubt = 0.0
-    if report is not None and report.measured_px and report.measured_sd_px:
-        doubt = 2 * report.measured_sd_px / report.measured_px * detail_px
-    return detail_px < required_px - doubt
 
 
 def point_report(

@@ -10,16 +10,12 @@ import numpy as np
 from mvp.imaging.cause import scale_tolerance, shift_tolerance_px
 from mvp.imaging.hole_ellipse import Ellipse, fitted_ellipse
 from mvp.imaging.hole_rim import RimMeasurement, measure_rim
-from mvp.imaging.verify_data import Blur, HoleReport
+from mvp.imaging.verify_data import HoleReport
 from mvp.imaging.verify_edges import (
     LENGTH_PX,
     LENGTH_SHARE,
-    SATURATED,
-    VISIBLE,
-    beside_words,
-    saturated_words,
-    seen_words,
-    too_blurred,
+    blur_of,
+    broken_by_any,
 )
 
 if TYPE_CHECKING:
@@ -31,7 +27,7 @@ _ALIGNED_SEARCH_PX = 3.0
 _UNALIGNED_SEARCH_PX = 6.0
 _FEWEST_FOR_ALIGNMENT = 4
 _OUTLINE = 48
-_TWO_SIGMA = 1.96
+_DETAIL_DOUBT = 0.02
 
 
 def hole_report(
@@ -69,7 +65,7 @@ def hole_report(
         required_px=rim.requirement.pixels if rim.requirement else None,
         predicted_rim_px=_outline(expectation, plan),
         rim_px=_outline(expectation, measured) if found.found else (),
-        blur=_blur(found, rim, expectation.c_px),
+        blur=blur_of(found, rim.blur_px, expectation.c_px),
         notes=_notes(rim, found),
         crowded=rim.crowded,
     )
@@ -112,15 +108,6 @@ def _outline(
     return tuple((float(x), float(y)) for x, y in raw)
 
 
-def _blur(found: RimMeasurement, rim: ExpectedRim, c_px: float) -> Blur:
-    if not found.found or found.saturated > SATURATED:
-        return Blur(None, None, None, rim.blur_px, c_px)
-    spread = _TWO_SIGMA * found.blur_q_sd
-    low = float(np.sqrt(max(found.blur_q_px2 - spread, 0.0)))
-    high = float(np.sqrt(max(found.blur_q_px2 + spread, 0.0)))
-    return Blur(found.blur_px, low, high, rim.blur_px, c_px)
-
-
 def _notes(rim: ExpectedRim, found: RimMeasurement) -> tuple[str, ...]:
     notes = []
     if not found.found:
@@ -144,21 +131,4 @@ def broken_by_hole(report: HoleReport, expectation: ViewExpectation) -> list[str
                     f"(limit +-{allowed:.1f} px)"
                 )
     limit_px = max(report.allowed_offset_px, 1.0)
-    if report.offset_px is not None and report.offset_px > limit_px:
-        broken.append(beside_words(report.offset_px, limit_px))
-    if report.visible_fraction < VISIBLE:
-        broken.append(seen_words(report.visible_fraction))
-    if report.saturated > SATURATED:
-        broken.append(saturated_words(report.saturated))
-    if report.blur.measured_px is not None and too_blurred(report.blur):
-        broken.append(
-            f"blur {report.blur.measured_px:.2f} px above {report.blur.c_px:.2f}"
-        )
-    if report.detail_px is not None and report.required_px is not None:
-        doubt = 0.02 * report.detail_px
-        if report.detail_px < report.required_px - doubt:
-            broken.append(
-                f"the required detail covers {report.detail_px:.2f} px"
-                f" instead of {report.required_px:.2f}"
-            )
-    return broken
+    return broken + broken_by_any(report, limit_px, _DETAIL_DOUBT)
