@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from mvp.cell.plan_problem import ProblemFactory
     from mvp.cell.plan_views import Failed
     from mvp.cell.realise_view import RealisedView
+    from mvp.kinematics import ClearanceIndex
     from mvp.planning import KindMargin
     from mvp.planning.tolerance import Certificate
 
@@ -85,6 +86,7 @@ class ViewWriter:
     def _arm_margins(self, realised: RealisedView) -> dict[str, Margin]:
         """What the arm adds: joints are commanded as planned, so reach has no sigmas."""
         reach, nearest = realised.arm.reach, realised.arm.nearest
+        index = realised.clearance_index
         asked_mm = self.factory.cell.config.kinematics.clearance_mm
         asked = self.factory.cell.config.kinematics.joint_margin_deg
         if reach.label not in self.factory.cell.arm.joint_names:
@@ -99,8 +101,8 @@ class ViewWriter:
             "clearance": Margin(
                 value=nearest.distance_mm - asked_mm,
                 unit="mm",
-                normalised=realised.clearance_index,
-                row=f"{nearest.body} against {nearest.other}",
+                normalised=None if index is None else index.sigmas,
+                row=_pair(nearest.body, nearest.other, index),
             ),
         }
 
@@ -209,6 +211,14 @@ def _chance(realised: RealisedView, number: int) -> float:
         return drawn
     rng = np.random.default_rng(number)
     return failure_probability(realised.problem, realised.view, rng)
+
+
+def _pair(body: str, other: str, index: ClearanceIndex | None) -> str:
+    """The nearest pair, and the one that errors bring together first if another."""
+    nearest = f"{body} against {other}"
+    if index is None or (index.body, index.other) == (body, other):
+        return nearest
+    return f"{nearest}; in sigmas {index.body} against {index.other}"
 
 
 def _triple(values: np.ndarray) -> tuple[float, float, float]:

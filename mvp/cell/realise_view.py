@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from mvp.cell.arm_setup import ArmSetup
     from mvp.cell.contrast import ContrastForecast, SeenContrast, ViewContrast
     from mvp.cell.plan_problem import ProblemFactory
-    from mvp.kinematics import Realisation
+    from mvp.kinematics import ClearanceIndex, Realisation
     from mvp.optics import LensTable, Views
     from mvp.optics.lens_table import LensSetting, LensSteps
     from mvp.planning import PlanningProblem, Solution
@@ -62,7 +62,7 @@ class RealisedView:
     tube_mm: float
     arm: Realisation
     path: JointPath
-    clearance_index: float | None = None
+    clearance_index: ClearanceIndex | None = None
     contrast: SeenContrast | None = None
     repairs: tuple[str, ...] = ()
 
@@ -191,12 +191,14 @@ def _recheck(
 
 def _clearance_index(
     arm: ArmSetup, problem: PlanningProblem, choice: Realisation
-) -> float | None:
-    pupil = arm.cell.calibrations.base_from_part @ choice.part_from_camera
+) -> ClearanceIndex | None:
+    base_from_part = arm.cell.calibrations.base_from_part
+    pupil = base_from_part @ choice.part_from_camera
     return clearance_index(
         arm.bodies,
         choice.joints,
         pupil_mm=pupil.translation_mm,
+        part_mm=base_from_part.apply(arm.scene.scene.part.bounds.centre_mm),
         asked_mm=arm.clearance_mm,
         position_mm=problem.uncertainty.position_mm,
         angle_rad=problem.uncertainty.angle_rad,

@@ -16,7 +16,7 @@ from mvp.kinematics.clearance import (
     blocked_sight,
     obstacles,
 )
-from mvp.kinematics.clearance_index import clearance_index
+from mvp.kinematics.clearance_index import ClearanceIndex, clearance_index
 from mvp.kinematics.gantry import Gantry
 from mvp.kinematics.model import ArmModel, inverse, jacobian, singularity_margin
 from mvp.kinematics.models import ARM_MODELS, arm_model
@@ -35,6 +35,7 @@ from mvp.kinematics.realise import (
     realisations,
 )
 from mvp.kinematics.ur import UrArm
+from mvp.kinematics.ur_calibration import UrCalibration
 
 __all__ = [
     "ARM_MODELS",
@@ -42,6 +43,7 @@ __all__ = [
     "Capsule",
     "Capsules",
     "CellBodies",
+    "ClearanceIndex",
     "Gantry",
     "JointPath",
     "Nearest",
@@ -53,6 +55,7 @@ __all__ = [
     "Realisation",
     "Unreachable",
     "UrArm",
+    "UrCalibration",
     "arm_model",
     "base_from_part",
     "base_from_tool",

@@ -122,7 +122,7 @@ class CellBodies:
     def pairs(self, joints: FloatArray) -> Pairs:
         """Distance of every pair that can touch, in M configurations (M, dof)."""
         bodies = self.moving(np.atleast_2d(joints))
-        outer, outer_names, outer_levers = self._to_obstacles(bodies)
+        outer, outer_names, outer_levers = self.to_obstacles(bodies)
         own, own_names, own_levers = self._to_itself(bodies)
         return Pairs(
             np.concatenate([outer, own], axis=1),
@@ -143,17 +143,16 @@ class CellBodies:
             self.pairs(joints).distance_mm.min(axis=1, initial=self.far_mm)
         )
 
-    def _to_obstacles(
+    def to_obstacles(
         self, bodies: Capsules
     ) -> tuple[FloatArray, tuple[tuple[str, str], ...], FloatArray]:
-        moving = self._moving_bodies(bodies)
-        names = tuple((bodies.names[k], o.name) for o in self.obstacles for k in moving)
-        levers = np.tile(self.levers[moving], (len(self.obstacles), 1))
-        return self.to_obstacles(bodies), names, levers
+        """Distances (M, P) mm of what ``moving`` gives to every obstacle.
 
-    def to_obstacles(self, bodies: Capsules) -> FloatArray:
-        """Distances (M, P) mm of what moves, as ``moving`` gives it, to all obstacles."""
-        moving = self._moving_bodies(bodies)
+        Also the P pairs of names, and their levers as in ``Pairs``.
+        """
+        moving = [
+            k for k, n in enumerate(bodies.names) if n not in self.model.fixed_links
+        ]
         m = len(bodies.start_mm)
         p = bodies.start_mm[:, moving].reshape(-1, 3)
         q = bodies.end_mm[:, moving].reshape(-1, 3)
@@ -161,11 +160,9 @@ class CellBodies:
             o.distance(p, q, self.far_mm).reshape(m, -1) - bodies.radius_mm[moving]
             for o in self.obstacles
         ]
-        return np.concatenate([*columns, np.zeros((m, 0))], axis=1)
-
-    def _moving_bodies(self, bodies: Capsules) -> list[int]:
-        fixed = self.model.fixed_links
-        return [k for k, name in enumerate(bodies.names) if name not in fixed]
+        names = tuple((bodies.names[k], o.name) for o in self.obstacles for k in moving)
+        levers = np.tile(self.levers[moving], (len(self.obstacles), 1))
+        return np.concatenate([*columns, np.zeros((m, 0))], axis=1), names, levers
 
     @cached_property
     def _own_pairs(self) -> IntArray:

@@ -34,15 +34,28 @@ def cell(gap_mm: float) -> tuple[CellBodies, np.ndarray]:
 def test_a_shift_alone_gives_the_distance_over_its_deviation() -> None:
     bodies, pupil = cell(20.0)
     found = clearance_index(
-        bodies, JOINTS, pupil_mm=pupil, asked_mm=5.0, position_mm=2.0, angle_rad=0.0
+        bodies,
+        JOINTS,
+        pupil_mm=pupil,
+        part_mm=np.zeros(3),
+        asked_mm=5.0,
+        position_mm=2.0,
+        angle_rad=0.0,
     )
-    assert found == pytest.approx((20.0 - 5.0) / 2.0, rel=1e-6)
+    assert found is not None
+    assert found.sigmas == pytest.approx((20.0 - 5.0) / 2.0, rel=1e-6)
 
 
 def test_the_index_is_that_of_drawn_errors() -> None:
     bodies, pupil = cell(20.0)
     found = clearance_index(
-        bodies, JOINTS, pupil_mm=pupil, asked_mm=5.0, position_mm=0.5, angle_rad=0.01
+        bodies,
+        JOINTS,
+        pupil_mm=pupil,
+        part_mm=np.zeros(3),
+        asked_mm=5.0,
+        position_mm=0.5,
+        angle_rad=0.01,
     )
     rng = np.random.default_rng(3)
     pose = bodies.model.forward(JOINTS)
@@ -52,7 +65,8 @@ def test_the_index_is_that_of_drawn_errors() -> None:
     moved += rng.normal(0, 0.5, (20_000, 1, 3))
     table_top = bodies.obstacles[0].mesh.vertices_mm[:, 2].max()
     gap = moved[:, :, 2].min(axis=1) - LENS.radius_mm - table_top
-    assert found == pytest.approx((20.0 - 5.0) / gap.std(), rel=0.05)
+    assert found is not None
+    assert found.sigmas == pytest.approx((20.0 - 5.0) / gap.std(), rel=0.05)
 
 
 def test_nothing_to_touch_has_no_index() -> None:
@@ -62,9 +76,35 @@ def test_nothing_to_touch_has_no_index() -> None:
             bodies,
             JOINTS,
             pupil_mm=np.zeros(3),
+            part_mm=np.zeros(3),
             asked_mm=5.0,
             position_mm=1.0,
             angle_rad=0.01,
         )
         is None
     )
+
+
+def test_a_link_is_judged_by_turns_of_the_part() -> None:
+    model = arm_model("ur5e")
+    foot = model.links_batch(JOINTS[None]).at(0)[1]
+    middle = foot.start_mm + np.array([0.0, foot.radius_mm + 60.0, 0.0])
+    part = Box(middle - 40.0, middle + 40.0)
+    bodies = CellBodies(model, (), obstacles(None, keep_outs=[("part", part)]))
+
+    def found(part_mm: np.ndarray) -> float:
+        index = clearance_index(
+            bodies,
+            JOINTS,
+            pupil_mm=np.full(3, 1e4),
+            part_mm=part_mm,
+            asked_mm=0.0,
+            position_mm=1.0,
+            angle_rad=0.01,
+        )
+        assert index is not None
+        assert index.other == "part"
+        return index.sigmas
+
+    away = middle + np.array([0.0, 0.0, 1000.0])
+    assert found(middle) > 5 * found(away)
