@@ -35,7 +35,6 @@ from mvp.kinematics.realise import (
     realisations,
 )
 from mvp.kinematics.ur import UrArm
-from mvp.kinematics.ur_calibration import UrCalibration
 
 __all__ = [
     "ARM_MODELS",
@@ -55,7 +54,6 @@ __all__ = [
     "Realisation",
     "Unreachable",
     "UrArm",
-    "UrCalibration",
     "arm_model",
     "base_from_part",
     "base_from_tool",
