@@ -7,7 +7,7 @@ import pytest
 
 from drivers.simulators.ur.dashboard import Dashboard
 from drivers.simulators.ur.robot import Robot, RobotSettings, RuntimeState
-from drivers.simulators.ur.safety import RobotMode
+from drivers.simulators.ur.safety import RobotMode, SafetyMode
 from drivers.simulators.ur.script import ScriptReader
 
 HOME = (0.0, -1.57, 1.57, -1.57, -1.57, 0.0)
@@ -316,6 +316,15 @@ def test_the_watchdog_wants_the_first_input_written() -> None:
     assert desk.robot.state == RuntimeState.PLAYING
     desk.run(0.12)
     assert desk.robot.state == RuntimeState.STOPPED
+
+
+def test_a_stream_beyond_a_limit_is_a_protective_stop() -> None:
+    desk = Desk(joints_rad=(0.0, -1.57, 3.1, -1.57, -1.57, 0.0))
+    desk.ask(9, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 10.0, 0.0)
+    desk.run(1.0)
+    assert desk.robot.safety.mode == SafetyMode.PROTECTIVE_STOP
+    assert desk.robot.arm.standing
+    assert 3.14 < desk.joints[2] < 3.4
 
 
 def test_local_mode_refuses_programs_and_orders_but_answers_questions() -> None:

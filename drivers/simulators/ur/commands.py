@@ -125,15 +125,28 @@ def _servo(program: ControlProgram, target: Floats, lookahead_s: float) -> None:
     robot.arm.follow(ServoStream(target, max(lookahead_s, 0.03), limit))
 
 
-def _speed_j(program: ControlProgram) -> None:
+def _ramp(program: ControlProgram) -> tuple[float, float]:
+    """Acceleration and duration of a streamed speed.
+
+    Raises:
+        ScriptError: an acceleration that is not above zero.
+    """
     acceleration, seconds = program.floats_in(6, 2)
-    stream = SpeedStream(_array(program, 0), acceleration)
+    if acceleration <= 0:
+        raise ScriptError("acceleration must be above zero")
+    return acceleration, seconds
+
+
+def _speed_j(program: ControlProgram) -> None:
+    acceleration, seconds = _ramp(program)
+    limit = program.robot.kin.arm.joint_speed
+    stream = SpeedStream(np.clip(_array(program, 0), -limit, limit), acceleration)
     program.robot.arm.follow(stream, seconds if seconds > 0 else np.inf)
 
 
 def _speed_l(program: ControlProgram) -> None:
     robot = program.robot
-    _, seconds = program.floats_in(6, 2)
+    _, seconds = _ramp(program)
     stream = ToolSpeedStream(robot.kin, _array(program, 0), tuple(robot.tcp), 40.0)
     robot.arm.follow(stream, seconds if seconds > 0 else np.inf)
 
@@ -207,8 +220,7 @@ def _pose_within(program: ControlProgram) -> None:
 
 
 def _joints_within(program: ControlProgram) -> None:
-    arm, joints = program.robot.kin.arm, _array(program, 0)
-    inside = ((arm.joint_low <= joints) & (joints <= arm.joint_high)).all()
+    inside = program.robot.kin.reachable(_array(program, 0))
     program.write_int(1, int(inside))
 
 

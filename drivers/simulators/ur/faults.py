@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import math
 from collections.abc import Mapping
 from typing import cast
 
@@ -66,13 +68,11 @@ async def serve(controller: Controller, port: int) -> asyncio.Server:
     async def session(
         reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
-        try:
+        # A client that hangs up, or the end of the loop, is no event here.
+        with contextlib.suppress(ConnectionError, ValueError, asyncio.CancelledError):
             while line := await reader.readline():
                 writer.write(answer(line, table))
-        except (ConnectionError, ValueError, asyncio.CancelledError):
-            pass
-        finally:
-            writer.close()
+        writer.close()
 
     return await asyncio.start_server(session, LOOPBACK, port)
 
@@ -256,7 +256,10 @@ def _on(asked: Asked) -> bool:
 
 def _float(asked: Asked, key: str, default: float | None = None) -> float:
     value = asked[key] if default is None else asked.get(key, default)
-    return float(cast("float", value))
+    number = float(cast("float", value))
+    if not math.isfinite(number):
+        raise ValueError(f"{key} is not finite")
+    return number
 
 
 def _ports(asked: Asked) -> tuple[int, ...]:

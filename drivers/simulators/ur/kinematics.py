@@ -28,6 +28,11 @@ class Kinematics:
     def __init__(self, model: str) -> None:
         self.arm = UrArm.of(model)
 
+    def reachable(self, joints: Floats) -> bool:
+        """Whether joints (6,) respect the limits."""
+        inside = (self.arm.joint_low <= joints) & (joints <= self.arm.joint_high)
+        return bool(inside.all())
+
     def flange(self, joints: Floats) -> Floats:
         """``base_from_flange`` (4, 4), m, of joints (6,)."""
         rotation, point_mm = self.arm.forward_batch(joints[None])

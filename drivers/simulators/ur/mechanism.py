@@ -48,6 +48,11 @@ class Mechanism:
         return not self._queue and self._stream is None
 
     @property
+    def streaming(self) -> bool:
+        """Whether a stream drives it: that knows no limits of its own."""
+        return self._stream is not None
+
+    @property
     def standing(self) -> bool:
         """No joint turns."""
         return not self.rate.any()

@@ -16,8 +16,8 @@ from drivers.simulators.ur.kinematics import Kinematics, NoSolutionError
 from drivers.simulators.ur.poses import (
     Floats,
     matrix_of,
-    rotation_of,
     rotation_vector,
+    rotations_about,
 )
 from drivers.virtual_motion import Ramp, StraightMove
 
@@ -135,13 +135,12 @@ def joint_move(
         ScriptError: a speed that is not above zero, or a target beyond a limit.
     """
     _check_speeds(speed, acceleration)
-    arm = kin.arm
-    if not ((arm.joint_low <= target) & (target <= arm.joint_high)).all():
+    if not kin.reachable(target):
         raise ScriptError("movej: target outside the joint limits")
     return StraightMove.limited(
         start,
         target,
-        speed=np.minimum(speed, arm.joint_speed),
+        speed=np.minimum(speed, kin.arm.joint_speed),
         acceleration=np.full(6, acceleration),
     )
 
@@ -233,7 +232,7 @@ def _slowest(velocity: Floats, rate: Floats) -> float:
 
 
 def _check_speeds(speed: float, acceleration: float) -> None:
-    if not (speed > 0 and acceleration > 0):
+    if not (0 < speed < np.inf and 0 < acceleration < np.inf):
         raise ScriptError("speed and acceleration must be above zero")
 
 
@@ -244,9 +243,9 @@ def _straight(start: Floats, end: Floats) -> tuple[Floats, float]:
     way, angle = float(np.linalg.norm(shift)), float(np.linalg.norm(turn))
     count = int(np.clip(max(way / _KNOT_M, angle / _KNOT_RAD), 8, _KNOTS_MAX))
     tools = np.tile(np.eye(4), (count + 1, 1, 1))
-    for k, share in enumerate(np.linspace(0.0, 1.0, count + 1)):
-        tools[k, :3, :3] = start[:3, :3] @ rotation_of(share * turn)
-        tools[k, :3, 3] = start[:3, 3] + share * shift
+    shares = np.linspace(0.0, 1.0, count + 1)
+    tools[:, :3, :3] = start[:3, :3] @ rotations_about(turn, shares)
+    tools[:, :3, 3] = start[:3, 3] + shares[:, None] * shift
     return tools, max(way, angle) if way < 1e-6 else way
 
 

@@ -30,11 +30,17 @@ def pose_of(matrix: Floats) -> Floats:
 
 def rotation_of(vector: Floats) -> Floats:
     """(3, 3) rotation about ``vector`` by its length, rad."""
+    return np.asarray(rotations_about(vector, np.ones(1))[0])
+
+
+def rotations_about(vector: Floats, shares: Floats) -> Floats:
+    """(n, 3, 3) rotations by shares (n,) of the one about ``vector`` by its length."""
     angle = float(np.sqrt(vector @ vector))
     if angle < 1e-12:
-        return np.eye(3) + _cross(vector)
+        return np.asarray(np.eye(3) + shares[:, None, None] * _cross(vector))
     k = _cross(vector / angle)
-    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k))
+    turned = angle * shares[:, None, None]
+    return np.asarray(np.eye(3) + np.sin(turned) * k + (1 - np.cos(turned)) * (k @ k))
 
 
 def rotation_vector(rotation: Floats) -> Floats:

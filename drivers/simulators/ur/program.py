@@ -17,6 +17,7 @@ READY, DONE = 1, 2
 STOP_SCRIPT = 255
 _RUNNING_BIT = 0x8000
 _COUNTS = 128
+_LARGEST = 1e6
 
 
 class Runnable(Protocol):
@@ -74,11 +75,16 @@ class TextProgram:
             yield from _until(lambda: robot.arm.idle)
         elif name == "write_output_integer_register":
             number = sum(int(part) for part in arguments[0].split("+"))
-            robot.registers.out_int[number] = int(arguments[1])
+            robot.registers.out_int[number] = _int32(int(arguments[1]))
             yield True
         elif name == "sleep":
             until = robot.now_s + float(arguments[0])
             yield from _until(lambda: robot.now_s >= until)
+
+
+def _int32(value: int) -> int:
+    """As a register keeps it."""
+    return (value + 2**31) % 2**32 - 2**31
 
 
 def _until(done: Callable[[], bool]) -> Iterator[bool]:
@@ -122,9 +128,16 @@ class ControlProgram:
         return self.robot.registers.in_int[number + self._int_offset]
 
     def floats_in(self, first: int, count: int) -> list[float]:
-        """Double inputs, counted from the script's offset."""
+        """Double inputs, counted from the script's offset.
+
+        Raises:
+            ScriptError: one of them is no number, or absurdly large.
+        """
         first += self._float_offset
-        return self.robot.registers.in_double[first : first + count]
+        values = self.robot.registers.in_double[first : first + count]
+        if not all(abs(value) < _LARGEST for value in values):
+            raise ScriptError("a number that no controller takes")
+        return values
 
     def write_int(self, number: int, value: int) -> None:
         """An integer output, counted from the script's offset."""
@@ -202,7 +215,7 @@ class ControlProgram:
 
     def _obey(self, command: int) -> None:
         if command in REALTIME:
-            COMMANDS[command](self)
+            self._run(command)
             self.write_int(0, READY)
         elif command == 0:
             self._executing = False
@@ -210,11 +223,14 @@ class ControlProgram:
         elif not self._executing:
             self._executing = True
             self.robot.log_command(command, self.floats_in(0, 18), self.int_in(1))
-            if command not in COMMANDS:
-                raise ScriptError(f"command {command} is not simulated")
-            COMMANDS[command](self)
+            self._run(command)
             if self._busy is None:
                 self._finish()
+
+    def _run(self, command: int) -> None:
+        if command not in COMMANDS:
+            raise ScriptError(f"command {command} is not simulated")
+        COMMANDS[command](self)
 
     def _finish(self) -> None:
         self._busy = None

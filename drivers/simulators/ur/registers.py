@@ -47,7 +47,7 @@ class Registers:
         self._analog(inputs)
         if inputs.get("speed_slider_mask"):
             fraction = _number(inputs.get("speed_slider_fraction", self.slider))
-            self.slider = min(max(fraction, 0.0), 1.0)
+            self.slider = min(max(0.0, fraction), 1.0)
 
     def set_output(self, bit: int, on: bool) -> None:
         """Switch one digital output."""
@@ -84,7 +84,7 @@ class Registers:
         for k in range(2):
             if mask >> k & 1:
                 share = _number(inputs.get(f"standard_analog_output_{k}", 0.0))
-                self.analog_outputs[k] = min(max(share, 0.0), 1.0)
+                self.analog_outputs[k] = min(max(0.0, share), 1.0)
 
 
 def _number(value: Value) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.simulators.ur.kinematics import Kinematics
 from drivers.simulators.ur.mechanism import Mechanism
-from drivers.simulators.ur.motion import ScriptError, brake, tool_brake
+from drivers.simulators.ur.motion import brake, tool_brake
 from drivers.simulators.ur.profiles import PROFILES
 from drivers.simulators.ur.program import (
     ControlProgram,
@@ -147,6 +147,8 @@ class Robot:
             self._step(self.program)
         self.arm.slider = self.registers.slider
         self.arm.tick(self.cycle_s)
+        if self.arm.streaming and not self.kin.reachable(self.arm.joints):
+            self.safety.protective_stop()
 
     def upload(self, program: Program) -> None:
         """Take a program from a script port: it replaces the running one."""
@@ -229,5 +231,5 @@ class Robot:
         try:
             if not program.step():
                 self.end_program("it came to its end")
-        except (ScriptError, ArithmeticError, np.linalg.LinAlgError) as error:
+        except (ValueError, LookupError, ArithmeticError) as error:
             self.end_program(f"run-time error: {error}")

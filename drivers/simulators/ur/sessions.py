@@ -57,18 +57,19 @@ class Line:
     disturbance: Disturbance
     transport: asyncio.Transport | None = None
     _free_at_s: float = 0.0
+    _under_way: int = 0
 
     def send(self, data: bytes) -> None:
         """Send, late or never if so disturbed."""
         if self.transport is None or self.disturbance.silent:
             return
-        loop = asyncio.get_running_loop()
-        due = max(loop.time() + self.disturbance.delay_s, self._free_at_s)
-        if due <= loop.time():
+        if self.disturbance.delay_s <= 0 and not self._under_way:
             self.transport.write(data)
-        else:
-            self._free_at_s = due
-            loop.call_at(due, self._late, data)
+            return
+        loop = asyncio.get_running_loop()
+        self._free_at_s = max(loop.time() + self.disturbance.delay_s, self._free_at_s)
+        self._under_way += 1
+        loop.call_at(self._free_at_s, self._late, data)
 
     def drop(self, *, reset: bool) -> None:
         """Close the connection, with FIN or with RST."""
@@ -90,6 +91,7 @@ class Line:
         )
 
     def _late(self, data: bytes) -> None:
+        self._under_way -= 1
         if self.transport is not None and not self.transport.is_closing():
             self.transport.write(data)
 
