@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 _CHUNK = 10_000
 _ENOUGH = 2_000
 _FEW = 200
-_MEASURED = 1_000
-_MEASURED_PER_START = 10
+_KEPT_PER_START, _MEASURED_PER_START = 40, 10
 _NEAREST_RADII = 1.3
 _DISTINCT = 0.15
 _INWARD_MM = (0.5, 100.0)
@@ -64,7 +63,8 @@ def screen(
     views = aimed(problem, np.concatenate([np.zeros((0, 3)), *kept]), rng)
     if count < _FEW:
         views = concatenated([views, from_boundary(problem, rng)])
-    return ranked(problem, table, views[: 2 * _ENOUGH], tried)
+    measured = max(_FEW, _KEPT_PER_START * problem.starts)
+    return ranked(problem, table, views[: 2 * _ENOUGH], tried, measured=measured)
 
 
 def glance(
@@ -89,23 +89,44 @@ def ranked(
     views: Views,
     tried: int,
     *,
-    measured: int = _MEASURED,
+    measured: int,
 ) -> Screened:
-    """Views that pass the further filter, by their worst index, descending.
+    """The best views that pass the further filter, by their worst index, descending.
 
-    Distances cost most and only lower an index: beyond ``measured`` views, only the
-    best by everything else are kept.
+    Distances cost most and only lower an index: only the best ``measured`` views by
+    everything else are kept.
     """
-    views = views[problem.accepted(views)] if len(views) else views
+    optical = table.curved_index(views)
+    best = _first_accepted(problem, views, _descending(optical), measured)
+    views, optical = views[best], optical[best]
     if not len(views):
         return Screened(views, np.zeros(0), tried)
-    optical = table.curved_index(views)
-    if len(views) > measured and optical.shape[1]:
-        order = np.argsort(-optical.min(axis=1), kind="stable")[:measured]
-        views, optical = views[order], optical[order]
     worst = table.worst(table.completed(views, optical))
     order = np.argsort(-worst, kind="stable")
     return Screened(views[order], worst[order], tried)
+
+
+def _descending(index: FloatArray) -> IntArray:
+    """Numbers of views by the smallest index (N, R) of each, largest first."""
+    if not index.shape[1]:
+        return np.arange(len(index))
+    return np.argsort(-index.min(axis=1), kind="stable")
+
+
+def _first_accepted(
+    problem: PlanningProblem, views: Views, order: IntArray, count: int
+) -> IntArray:
+    """The first ``count`` views in this order that pass the further filter.
+
+    Reach takes longer than everything else, so it is asked for no more than needed.
+    """
+    kept: list[IntArray] = [order[:0]]
+    for start in range(0, len(order), count):
+        some = order[start : start + count]
+        kept.append(some[problem.accepted(views[some])])
+        if sum(map(len, kept)) >= count:
+            break
+    return np.concatenate(kept)[:count]
 
 
 def inside(problem: PlanningProblem, points: FloatArray) -> BoolArray:

@@ -44,6 +44,8 @@ _UNASKED_STARTS = 2
 _TRIES = 4
 _PERCENT = 0.01
 _UNTIL_ADMISSIBLE = Limits(enough=0.0)
+# Only the least that must give way is asked for: what is far behind may stop.
+_BEST_ONLY = Limits(heat_steps=15, finalists=6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +103,8 @@ def knob_cure(
     table = replace(table, fixed_scales=_fixed_scales(problem, knob))
     merit = relax_kinds(table, KINDS_OF[knob])
     starts = _relaxation_starts(problem, table, failed, knob)
-    ended = climb(problem, LinearModel(table, chart, merit), starts)
+    model = LinearModel(table, chart, merit)
+    ended = climb(problem, model, starts, limits=_BEST_ONLY)
     kept = np.flatnonzero(merit.shortfall(ended.index) <= JUST_INSIDE)
     amounts = [(int(k), needed(problem, ended.views[int(k)], knob)) for k in kept]
     amounts = [(k, a) for k, a in amounts if sensible(problem, a)]

@@ -34,6 +34,7 @@ class Limits:
     """When a search stops, and how far it may step.
 
     ``enough``: a merit that needs no improvement; all searches stop where one has it.
+    ``finalists``: only so many of the searches, the best after ``heat_steps``, go on.
     """
 
     steps: int = 60
@@ -44,6 +45,8 @@ class Limits:
     largest_radius: float = 8.0
     smallest_radius: float = 1e-6
     enough: float = np.inf
+    heat_steps: int = 60
+    finalists: int = 60
 
 
 DEFAULT_LIMITS = Limits()
@@ -140,11 +143,10 @@ class _Pool:
         predicted: FloatArray,
         trial: Views,
         index: FloatArray,
-        allowed: BoolArray,
+        taken: BoolArray,
     ) -> None:
         """Take or refuse each trial and move its trust radius."""
         ratio = gain / predicted
-        taken = (ratio > _ACCEPT) & allowed
         grown = self.radius[which] * np.where(
             ratio > _GOOD, _GROW, np.where(ratio < _POOR, _HALVE, 1.0)
         )
@@ -181,9 +183,13 @@ def climb(
         visit: told all views after every iteration.
     """
     pool = _Pool(model, views, limits)
-    for _ in range(limits.steps):
+    for step in range(limits.steps):
         if (pool.value >= limits.enough).any():
             break
+        if step == limits.heat_steps:
+            pool.active[np.argsort(-pool.value, kind="stable")[limits.finalists :]] = (
+                False
+            )
         pool.refresh()
         which, steps = pool.propose()
         if not len(which):
@@ -219,7 +225,10 @@ def _advance(
         trial = _replaced(trial, chosen, second[better])
         index[chosen] = second_index[better]
         gain[chosen] = second_gain[better]
-    pool.decide(which, gain, predicted, trial, index, problem.accepted(trial))
+    taken = gain > _ACCEPT * predicted
+    if taken.any():
+        taken[taken] = problem.accepted(trial[taken])
+    pool.decide(which, gain, predicted, trial, index, taken)
 
 
 def _replaced(views: Views, where: IntArray, new: Views) -> Views:
