@@ -21,17 +21,19 @@ from drivers._ur.session import Session
 from mvp.devices import ArmState, DeviceContext, DeviceInfo, Link, Role, ScaledClock
 from mvp.errors import ConfigError, DeviceError, LimitError
 from mvp.geometry import Pose
+from mvp.kinematics import arm_model
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from drivers._ur.status import Status
-    from mvp.devices import Clock, RecoveryStep
+    from mvp.devices import RecoveryStep
     from mvp.geometry import FloatArray
 
 _LOG = logging.getLogger(__name__)
 _SPARE_S = 5.0
 _NOMINAL_MM = 30.0  # real arms differ from the nominal model by a few mm
+_CALIBRATED_MM = 0.5
 
 
 class UrArm:
@@ -41,10 +43,12 @@ class UrArm:
     Config = UrArmConfig
 
     def __init__(
-        self, config: UrArmConfig, clock: Clock, name: str, session: Session
+        self, config: UrArmConfig, context: DeviceContext, name: str, session: Session
     ) -> None:
+        clock = context.clock
         self.name = name
         self._config = config
+        self._folder = context.folder
         self._clock = clock
         self._model = config.arm
         self._session = session
@@ -71,7 +75,7 @@ class UrArm:
                 f"{name}: a robot on a wire runs in real time, the cell's clock does not",
                 hint="set clock_speed = 1 in [world]",
             )
-        return cls(config, context.clock, name, Session(config, context.clock, name))
+        return cls(config, context, name, Session(config, context.clock, name))
 
     def open(self) -> None:
         """Connect: identity, state, control program, tool and payload. Moves nothing.
@@ -193,15 +197,18 @@ class UrArm:
             raise
 
     def _require_model(self) -> None:
-        """Another model's kinematics would give another pose for the same joints."""
+        """Another arm's kinematics would give another pose for the same joints."""
+        model, far_mm, what = self._model, _NOMINAL_MM, f"a {self._model.name}"
+        if self._config.dh_calibration:
+            path = self._folder / self._config.dh_calibration
+            model = arm_model(self._model.name, dh_calibration=path)
+            far_mm, what = _CALIBRATED_MM, str(path)
         status = self._session.status()
         said = self._state_of(status).base_from_tool
-        ours = self._model.forward(np.array(status.joints_rad)).matrix
+        ours = model.forward(np.array(status.joints_rad)).matrix
         off_mm = float(np.linalg.norm(said[:3, 3] - ours[:3, 3]))
-        if off_mm > _NOMINAL_MM:
-            detail = (
-                f"its flange is {off_mm:.0f} mm from where a {self._model.name} has it"
-            )
+        if off_mm > far_mm:
+            detail = f"its flange is {off_mm:.1f} mm from where {what} has it"
             raise trouble("wrong-robot", detail).fault(self.name)
 
     def _state_of(self, status: Status) -> ArmState:

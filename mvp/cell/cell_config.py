@@ -107,6 +107,11 @@ class KinematicsConfig(FileModel):
         description="deg for turning axes, mm for sliding axes",
     )
     clearance_mm: NotNegative = 5.0
+    dh_calibration: str | None = Field(
+        default=None,
+        description="factory calibration of this very robot: calibration.conf of its "
+        "controller, the yaml file of the ROS driver, or a TOML file with [dh]",
+    )
     tool_bodies: list[ToolBody] = Field(default_factory=list)
 
 

@@ -30,7 +30,8 @@ class LoadedCell:
     Attributes:
         source: the file with its lines, for messages.
         fixture_files: CAD files of the fixtures, by fixture name.
-        sha256: over the cell file and every fixture file.
+        sha256: over the cell file, every fixture file and the arm's own calibration.
+        dh_file: the factory calibration of the arm.
     """
 
     config: CellConfig
@@ -39,6 +40,7 @@ class LoadedCell:
     fixture_files: dict[str, Path]
     sha256: str
     accept_calibration: str = ""
+    dh_file: Path | None = None
 
     def holding(self, task: LoadedTask) -> LoadedCell:
         """The cell with the task's part where the task says it lies.
@@ -70,10 +72,11 @@ class LoadedCell:
         """
         name = self.config.kinematics.model
         try:
-            return arm_model(name)
+            return arm_model(name, dh_calibration=self.dh_file)
         except ConfigError as error:
+            key = "dh_calibration" if error.where else "model"
             raise self.source.error(
-                ("kinematics", "model"), error.message, error.hint
+                ("kinematics", key), error.message, error.hint
             ) from error
 
     @cached_property
@@ -144,10 +147,24 @@ def load_cell(cell: str, *, accept_calibration: str = "") -> LoadedCell:
         simulated=config.simulated,
         accept_reason=accept_calibration,
     )
-    sha256 = sha256_of(source.path, *files.values())
-    loaded = LoadedCell(config, source, calibrations, files, sha256, accept_calibration)
+    dh_file = _dh_file(source, config)
+    own = [dh_file] if dh_file is not None else []
+    sha256 = sha256_of(source.path, *files.values(), *own)
+    loaded = LoadedCell(
+        config, source, calibrations, files, sha256, accept_calibration, dh_file
+    )
     _ = loaded.home_joints  # a wrong arm model or home is an error of the file
     return loaded
+
+
+def _dh_file(source: TomlFile, config: CellConfig) -> Path | None:
+    """The factory calibration of the arm, where the cell names one."""
+    name = config.kinematics.dh_calibration
+    if name is None:
+        return None
+    where = source.where(("kinematics", "dh_calibration"))
+    home = source.path.parent
+    return inside(home, home, name, f"{where}: kinematics.dh_calibration")
 
 
 def read_cell(cell: str) -> tuple[TomlFile, CellConfig]:

@@ -35,6 +35,7 @@ from mvp.kinematics.realise import (
     realisations,
 )
 from mvp.kinematics.ur import UrArm
+from mvp.kinematics.ur_calibration import UrCalibration
 
 __all__ = [
     "ARM_MODELS",
@@ -54,6 +55,7 @@ __all__ = [
     "Realisation",
     "Unreachable",
     "UrArm",
+    "UrCalibration",
     "arm_model",
     "base_from_part",
     "base_from_tool",

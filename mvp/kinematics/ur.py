@@ -1,8 +1,9 @@
 """Universal Robots arms: forward and inverse kinematics in closed form.
 
 Nominal Denavit-Hartenberg values as published by the maker. A real arm carries its own
-calibrated values, which differ by up to a few millimetres: the pose that a run records
-is the controller's, never this model's. Base frame as the controller's (not the one
+calibrated values, which differ by up to a few millimetres; with its factory calibration
+the closed form is only where the search for the true solutions starts. The pose that a
+run records is the controller's in any case, never this model's. Base frame as the controller's (not the one
 turned by 180 degrees that ROS uses).
 """
 
@@ -19,10 +20,12 @@ from mvp.kinematics.model import (
     inside_limits,
     on_nearest_turn,
 )
+from mvp.kinematics.ur_calibration import FARTHEST_MM
 
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, Pose
     from mvp.kinematics.model import JointUnit
+    from mvp.kinematics.ur_calibration import UrCalibration
 
 JOINTS = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 LINKS = (
@@ -36,6 +39,9 @@ LINKS = (
 )
 _WRIST_SINGULAR = 1e-9
 _SIGN = np.array([1.0, -1.0])
+# Where a calibrated arm may reach although the nominal one just cannot.
+_CALIBRATED_SLACK = 0.1
+_EDGE = 0.999
 
 
 @dataclass(frozen=True)
@@ -111,6 +117,7 @@ class UrArm:
     geometry: UrGeometry
     joint_low: FloatArray
     joint_high: FloatArray
+    calibration: UrCalibration | None = None
 
     joint_names = JOINTS
     joint_units: tuple[JointUnit, ...] = ("rad",) * 6
@@ -151,7 +158,8 @@ class UrArm:
     def levers_mm(self) -> FloatArray:
         """Upper bounds (8, 6), mm per rad: see ``ArmModel.levers_mm``.
 
-        The links of wrist 1, 2 and 3 lie on their own axes.
+        The links of wrist 1, 2 and 3 lie on their own axes. Links stay where a nominal
+        arm has them; only the flange is a calibrated one's.
         """
         g = self.geometry
         a2, a23 = abs(g.a2), abs(g.a2) + abs(g.a3)
@@ -159,6 +167,7 @@ class UrArm:
         hand = g.d5 + g.d6
         forearm = [a23 + side, a23, abs(g.a3), 0, 0, 0]
         flange = [a23 + hand + side, a23 + hand, abs(g.a3) + hand, hand, g.d6, 0]
+        off = 0.0 if self.calibration is None else FARTHEST_MM
         return np.array(
             [
                 [0] * 6,
@@ -168,7 +177,7 @@ class UrArm:
                 forearm,
                 [a23 + g.d5 + side, a23 + g.d5, abs(g.a3) + g.d5, g.d5, 0, 0],
                 flange,
-                flange,
+                [lever + off for lever in flange],
             ],
             dtype=np.float64,
         )
@@ -179,6 +188,8 @@ class UrArm:
 
     def forward_batch(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rotations (M, 3, 3) and flange points (M, 3), mm."""
+        if self.calibration is not None:
+            return self.calibration.forward(joints)
         frames = _Frames.of(self.geometry, joints)
         return frames.rotation, frames.points[:, 6]
 
@@ -194,7 +205,16 @@ class UrArm:
         At a wrist singularity wrist 3 is free and takes its value from ``near``.
         """
         reference = np.zeros(6) if near is None else np.asarray(near, np.float64)
-        joints = _branches(self.geometry, rotation, translation_mm, reference[5])
+        slack = 0.0 if self.calibration is None else _CALIBRATED_SLACK
+        joints = _branches(
+            self.geometry, rotation, translation_mm, reference[5], slack=slack
+        )
+        if self.calibration is not None:
+            found = np.isfinite(joints).all(axis=-1)
+            pose = np.nonzero(found)[0]
+            joints[found] = self.calibration.refine(
+                joints[found], rotation[pose], translation_mm[pose]
+            )
         joints = on_nearest_turn(joints, reference, self.joint_low, self.joint_high)
         exists = np.isfinite(joints).all(axis=-1)
         return joints, exists & inside_limits(joints, self.joint_low, self.joint_high)
@@ -272,16 +292,22 @@ class _Frames:
 
 
 def _branches(
-    g: UrGeometry, rotation: FloatArray, point_mm: FloatArray, free_wrist_rad: float
+    g: UrGeometry,
+    rotation: FloatArray,
+    point_mm: FloatArray,
+    free_wrist_rad: float,
+    *,
+    slack: float,
 ) -> FloatArray:
     """All branches (N, 8, 6) before turns and limits; nan where there is none.
 
-    Two shoulders, for each two wrists, for each two elbows.
+    Two shoulders, for each two wrists, for each two elbows. With ``slack``, poses out
+    of reach by that share are given the branches of the nearest pose within.
     """
     x6, y6, z6 = (rotation[:, None, :, k] for k in range(3))
     p5 = point_mm[:, None, :] - g.d6 * z6
     with np.errstate(invalid="ignore", divide="ignore"):
-        q1 = _shoulder_angles(g, p5)
+        q1 = _shoulder_angles(g, p5, slack)
         out = np.stack([np.cos(q1), np.sin(q1), np.zeros_like(q1)], axis=-1)
         side = np.stack([out[..., 1], -out[..., 0], out[..., 2]], axis=-1)
         vx, vy, vz = (_dot(axis, side)[..., None] for axis in (x6, y6, z6))
@@ -295,7 +321,7 @@ def _branches(
         x4 = np.cos(q5)[..., None] * x5 - np.sin(q5)[..., None] * z6
         q234 = np.arctan2(x4[..., 2], _dot(x4, out))[..., None]
         reach = p5[:, None] + g.d5 * y5 - np.array([0.0, 0.0, g.d1])
-        q2, q3 = _two_links(g, _dot(reach, out)[..., None], reach[..., 2:])
+        q2, q3 = _two_links(g, _dot(reach, out)[..., None], reach[..., 2:], slack)
     q1, q5, q6 = q1[..., None, None], q5[..., None], q6[..., None]
     joints = np.stack(np.broadcast_arrays(q1, q2, q3, q234 - q2 - q3, q5, q6), axis=-1)
     return joints.reshape(len(rotation), 8, 6)
@@ -305,20 +331,29 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray((a * b).sum(axis=-1))
 
 
-def _shoulder_angles(g: UrGeometry, p5: FloatArray) -> FloatArray:
+def _shoulder_angles(g: UrGeometry, p5: FloatArray, slack: float) -> FloatArray:
     """q1 (N, 2) that leaves the wrist d4 beside the arm's plane; nan if too close."""
     heading = np.arctan2(p5[..., 1], p5[..., 0])
-    lean = np.arcsin(g.d4 / np.hypot(p5[..., 0], p5[..., 1]))
+    ratio = g.d4 / np.hypot(p5[..., 0], p5[..., 1])
+    lean = np.arcsin(_within(ratio, slack))
     return np.concatenate([heading + lean, heading + np.pi - lean], axis=1)
 
 
 def _two_links(
-    g: UrGeometry, x: FloatArray, y: FloatArray
+    g: UrGeometry, x: FloatArray, y: FloatArray, slack: float
 ) -> tuple[FloatArray, FloatArray]:
     """Shoulder lift and elbow (..., 2) that put the wrist at (x, y); nan out of reach."""
     cosine = (x * x + y * y - g.a2**2 - g.a3**2) / (2 * g.a2 * g.a3)
-    # Rounding must not lose a stretched arm.
-    cosine = np.where(np.abs(cosine) < 1 + 1e-12, np.clip(cosine, -1, 1), cosine)
-    q3 = _SIGN * np.arccos(cosine)
+    q3 = _SIGN * np.arccos(_within(cosine, slack))
     q2 = np.arctan2(y, x) - np.arctan2(g.a3 * np.sin(q3), g.a2 + g.a3 * np.cos(q3))
     return q2, q3
+
+
+def _within(ratio: FloatArray, slack: float) -> FloatArray:
+    """Bring what lies just outside of -1 .. 1 inside; the rest stays, to become nan."""
+    if slack:
+        # Not to the very edge: two solutions meet there, and the search must part them.
+        near = (np.abs(ratio) > _EDGE) & (np.abs(ratio) < 1 + slack)
+        return np.where(near, np.copysign(_EDGE, ratio), ratio)
+    # Rounding must not lose a stretched arm.
+    return np.where(np.abs(ratio) < 1 + 1e-12, np.clip(ratio, -1, 1), ratio)
