@@ -6,7 +6,7 @@ STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help run test test-full lint bench clean
+.PHONY: help run test test-full lint bench ci-packages clean
 
 help:            ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
@@ -35,6 +35,9 @@ test-full: lint  ## the large counts as well
 
 bench: $(STAMP)  ## side-by-side timings, ratios printed
 	$(BIN)/python tools/bench_planner.py
+
+ci-packages: $(STAMP)  ## Debian packages for the tests of GenICam cameras, as root
+	bash tools/install_ci_packages.sh $(BIN)/python
 
 clean:           ## remove the environment and caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

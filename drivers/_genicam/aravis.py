@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from importlib.util import find_spec
@@ -16,6 +15,7 @@ from drivers._genicam.backend import (
     Health,
     Identity,
 )
+from drivers._genicam.probe import is_ip_address
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -215,10 +215,8 @@ class AravisBackend:
 
     def _address_of(self, address: str) -> str:
         """Aravis' own name of the camera with this address, serial number or name."""
-        try:
-            return str(ipaddress.IPv4Address(address))
-        except ValueError:
-            pass
+        if is_ip_address(address):
+            return address
         arv = self._arv
         arv.update_device_list()
         found = [
@@ -284,6 +282,8 @@ class AravisBackend:
         except self._error_type() as error:
             message = str(getattr(error, "message", error))
             if self._lost or self._is_silence(error):
+                # Spare the time-outs of saying goodbye to nobody.
+                self._lost = True
                 raise BackendLost(message) from error
             raise BackendRefused(message) from error
 

@@ -18,6 +18,7 @@ from drivers._genicam.features import (
     gain_of_camera,
     resolve,
 )
+from drivers._genicam.probe import answers, is_ip_address
 from mvp.errors import ConnectError, DeviceFault, LimitError, LinkLost
 
 if TYPE_CHECKING:
@@ -87,6 +88,7 @@ class Session:
         self.close()
         try:
             with self._translated(ConnectError):
+                self._check_somebody_there()
                 self.identity = self.backend.open(self.settings.address)
                 self._check_serial(self.identity)
                 self._prepare()
@@ -164,6 +166,12 @@ class Session:
             height = self.backend.get("Height", "integer")
             wide = str(self.backend.get("PixelFormat", "enum")) != "Mono8"
         return int(width) * int(height) * (2 if wide else 1)
+
+    def _check_somebody_there(self) -> None:
+        """Spare the libraries' own time-outs, 5 s and 15 s, where nobody answers."""
+        address = self.settings.address
+        if is_ip_address(address) and not answers(address):
+            raise BackendLost("no camera answers")
 
     def _check_serial(self, identity: Identity) -> None:
         """Refuse another camera than the one asked for, or than the one lost."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
@@ -15,6 +14,7 @@ from drivers._genicam.backend import (
     Health,
     Identity,
 )
+from drivers._genicam.probe import is_ip_address
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -194,10 +194,8 @@ class TelegenicamBackend:
 
     def _ip_of(self, address: str) -> str:
         """Look a serial number or a name up on the network."""
-        try:
-            return str(ipaddress.IPv4Address(address))
-        except ValueError:
-            pass
+        if is_ip_address(address):
+            return address
         found = [
             one
             for one in self.discover()
