@@ -326,7 +326,8 @@ def missed(problem: PlanningProblem, best: Solution) -> str:
             continue
         rows = table.mask(kind) & (best.index < 0)
         order = np.argsort(np.where(rows, best.index, np.inf))[: rows.sum()]
-        labels = dict.fromkeys(table.labels[row] for row in order)
+        # The image circle is carried as rows in several directions.
+        labels = dict.fromkeys(table.labels[row].split(" at ")[0] for row in order)
         where = "" if kind == "visibility" else f" ({_shortened(list(labels), '; ')})"
         amount = f"{abs(margin.value):.3g} {margin.unit}"
         found.append(f"{kind.replace('_', ' ')} by {amount}{where}")

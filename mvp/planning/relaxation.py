@@ -219,7 +219,7 @@ def _words(constraint: Constraint, view: Views, factor: float) -> str:
             detail_mm = float(_details_mm(constraint)[row])
             return (
                 f"ask {two_digits(asked * factor, up=False):g} px instead of "
-                f"{asked:.3g} px per detail, or those for a detail of "
+                f"{asked:.3g} px per detail, or {asked:.3g} px of a detail of "
                 f"{two_digits(detail_mm / factor, up=True):g} mm instead of "
                 f"{detail_mm:.3g} mm ({constraint.labels[row]})"
             )
