@@ -293,6 +293,15 @@ def test_a_lost_link_makes_the_library_upload_again_and_again(
         assert int(str(faults.do("state")["scripts"])) > before + 1
 
 
+def test_a_package_without_length_aborts_the_library(
+    play: Play, simulator: UrSimulator
+) -> None:
+    with pytest.raises(AssertionError):
+        _play(simulator, "malformed", DEADLINE_S)
+    # The controller itself does not mind.
+    assert play("dashboard")["mode"] == "Robotmode: RUNNING"
+
+
 @pytest.mark.full
 def test_upper_registers_fail_where_script_and_client_disagree() -> None:
     config = UrSimulatorConfig(profile="e5.23")

@@ -469,6 +469,14 @@ def mute_receive(host: str, faults: ControlClient) -> Said:
     return {}
 
 
+def malformed(host: str, faults: ControlClient) -> Said:
+    """A package that claims no length: the library aborts its process."""
+    receive = RTDEReceiveInterface(host, HZ)
+    faults.do("inject", hex="000055")
+    time.sleep(2)
+    return {"connected": receive.isConnected()}
+
+
 def lost_control(host: str, faults: ControlClient) -> Said:
     """The library reconnects without end and dies of it."""
     control = RTDEControlInterface(host, HZ)
