@@ -18,10 +18,12 @@ from mvp.planning.plan import CellStamp, FileStamp, Plan, Timing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
     from typing import Literal
 
     from mvp.cell.loading import LoadedCell, LoadedTask
     from mvp.cell.plan_views import Tell
+    from mvp.planning.plan import PlannedView
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,20 +110,13 @@ def make_plan(
     finder = ViewFinder(setting.factory, setting.arm, seed, say, forecast)
     found = finder.find(features, task.config.planning.max_views)
     found = finder.explained(found)
-    writer, expectations = ViewWriter(setting.factory), Expectations(setting)
-    views = [
-        expectations.foretold(writer.planned(number, view))
-        for number, view in enumerate(found.views, 1)
-    ]
+    views = _written(setting, found)
     watch.lap("optimise")
-    home = cell.source.path.parent
     plan = Plan(
         status=_status(found),
         seed=seed,
-        part=FileStamp(
-            file=as_stored(task.part_file, home), sha256=setting.scene.part.sha256
-        ),
-        task=FileStamp(file=as_stored(task.source.path, home), sha256=task.sha256),
+        part=_stamp(cell, task.part_file, setting.scene.part.sha256),
+        task=_stamp(cell, task.source.path, task.sha256),
         cell=CellStamp(
             name=cell.config.name, sha256=cell.sha256, simulated=cell.config.simulated
         ),
@@ -131,6 +126,19 @@ def make_plan(
         timing_s=watch.timing(),
     )
     return Planned(setting, plan, found)
+
+
+def _written(setting: Setting, found: Found) -> list[PlannedView]:
+    writer, expectations = ViewWriter(setting.factory), Expectations(setting)
+    return [
+        expectations.foretold(writer.planned(number, view))
+        for number, view in enumerate(found.views, 1)
+    ]
+
+
+def _stamp(cell: LoadedCell, file: Path, sha256: str) -> FileStamp:
+    """A file as it is named from the cell's folder."""
+    return FileStamp(file=as_stored(file, cell.source.path.parent), sha256=sha256)
 
 
 def _status(found: Found) -> Literal["admissible", "partial", "infeasible"]:
