@@ -78,6 +78,7 @@ class ArmSetup:
             clearance_mm=self.clearance_mm,
             reference=self.cell.home_joints,
             targets_part_mm=targets_part_mm,
+            singularity_margin=self.cell.config.kinematics.singularity_margin,
         )
 
     @cached_property

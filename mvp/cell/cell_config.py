@@ -107,6 +107,11 @@ class KinematicsConfig(FileModel):
         description="deg for turning axes, mm for sliding axes",
     )
     clearance_mm: NotNegative = 5.0
+    singularity_margin: NotNegative = Field(
+        default=0.0,
+        description="smallest singular value of the arm's Jacobian, lengths over 500 mm; "
+        "0 asks nothing, 0.02 keeps some degrees away",
+    )
     dh_calibration: str | None = Field(
         default=None,
         description="factory calibration of this very robot: calibration.conf of its "

@@ -10,6 +10,7 @@ import numpy as np
 
 from mvp.kinematics.camera_pose import camera_rotation, roll_of
 from mvp.kinematics.clearance import CellBodies, Nearest, blocked_sight
+from mvp.kinematics.model import singularity_margin
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -86,6 +87,7 @@ class Placement:
         clearance_mm: distance asked between any two bodies.
         reference: (dof,) configuration to stay near; None: the middle of the range.
         targets_part_mm: (n, 3) points that arm and camera must not hide.
+        singularity_margin: asked of ``singularity_margin``; zero asks nothing.
     """
 
     bodies: CellBodies
@@ -95,6 +97,7 @@ class Placement:
     clearance_mm: float = 5.0
     reference: FloatArray | None = None
     targets_part_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    singularity_margin: float = 0.0
 
     @property
     def near(self) -> FloatArray:
@@ -263,6 +266,11 @@ def _preferred(
     return np.asarray(order[slack[order] >= 0], dtype=np.int64)
 
 
+def _too_singular(placement: Placement, joints: FloatArray) -> bool:
+    asked = placement.singularity_margin
+    return asked > 0 and singularity_margin(placement.bodies.model, joints) < asked
+
+
 def _judged(
     placement: Placement,
     joints: FloatArray,
@@ -273,6 +281,9 @@ def _judged(
     """One configuration, or None with its reason counted."""
     if nearest.distance_mm < placement.clearance_mm:
         reasons[f"{nearest.body} against {nearest.other}"] += 1
+        return None
+    if _too_singular(placement, joints):
+        reasons["the arm would stand too close to a singular configuration"] += 1
         return None
     tool = placement.bodies.model.forward(joints)
     part_from_tool = placement.base_from_part.inverse() @ tool

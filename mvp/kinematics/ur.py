@@ -353,7 +353,7 @@ def _within(ratio: FloatArray, slack: float) -> FloatArray:
     """Bring what lies just outside of -1 .. 1 inside; the rest stays, to become nan."""
     if slack:
         # Not to the very edge: two solutions meet there, and the search must part them.
-        near = (np.abs(ratio) > _EDGE) & (np.abs(ratio) < 1 + slack)
+        near = (np.abs(ratio) > 1) & (np.abs(ratio) < 1 + slack)
         return np.where(near, np.copysign(_EDGE, ratio), ratio)
     # Rounding must not lose a stretched arm.
     return np.where(np.abs(ratio) < 1 + 1e-12, np.clip(ratio, -1, 1), ratio)

@@ -14,6 +14,7 @@ from mvp.kinematics import (
     obstacles,
     part_from_camera,
     realisations,
+    singularity_margin,
 )
 from mvp.optics import Views
 from mvp.scene import paper_object
@@ -162,3 +163,16 @@ def test_a_camera_that_would_touch_the_part_has_a_negative_clearance():
     ).distances_mm(batch)
     assert found[0] < 0
     assert found[1] > 200
+
+
+def test_configurations_closer_to_a_singular_one_than_asked_are_refused():
+    view = part_from_camera(*PAPER["V_f"])
+    free = realisations(placement(), view)
+    asked = realisations(placement(singularity_margin=0.1), view)
+    assert not isinstance(free, Unreachable)
+    assert not isinstance(asked, Unreachable)
+    model = arm_model("ur5e")
+    assert all(singularity_margin(model, one.joints) >= 0.1 for one in asked)
+    refused = realisations(placement(singularity_margin=5.0), view)
+    assert isinstance(refused, Unreachable)
+    assert "singular" in refused.reason
