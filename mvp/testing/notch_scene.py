@@ -30,7 +30,7 @@ def notch_scene() -> PlanningScene:
     """Three edges of the notch; the walls of the workspace count as facets."""
     mesh = load_part(bundled_root() / "virtual" / "parts" / PART).mesh
     edges = tuple(
-        edge_feature(name, *np.array(ends), mesh) for name, ends in _EDGES_MM.items()
+        edge_feature(name, start, end, mesh) for name, (start, end) in _EDGES_MM.items()
     )
     ends = np.concatenate([edge.key_points_mm for edge in edges])
     centre, _ = enclosing_sphere(ends)

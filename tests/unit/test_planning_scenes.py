@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.distance import pdist
 
 from mvp.geometry import edge_table
-from mvp.planning import attempt, certify, recheck, solve
+from mvp.planning import Attempt, attempt, certify, recheck, solve
 from mvp.planning.candidates import inside, looking_at, orbit_positions
 from mvp.planning.rows import RowTable
 from mvp.planning.solve import searched
@@ -36,6 +36,11 @@ BEST_INDEX = {"clutter": 13.3, "notch": 13.2}
 @cache
 def scene(name: str) -> PlanningScene:
     return SCENES[name]()
+
+
+@cache
+def default_search(name: str) -> Attempt:
+    return attempt(scene(name).problem(), seed=0)
 
 
 def test_the_box_has_fourteen_separate_holes_and_sixteen_pillars_apart_from_the_cube():
@@ -96,8 +101,8 @@ def test_the_notch_is_as_large_as_is_stated():
 
 @pytest.mark.parametrize("name", NEW)
 def test_the_best_known_index_is_reached_and_evolution_finds_no_better_one(name):
-    problem = scene(name).problem(starts=10, candidates=20_000)
-    best = solve(problem, seed=0)[0]
+    problem = scene(name).problem()
+    best = default_search(name).solutions[0]
     assert best.status == "admissible"
     assert best.first_stage_t >= BEST_INDEX[name]
     assert best.failure_probability is not None
@@ -161,8 +166,7 @@ def test_a_reported_view_holds_by_formulas_that_the_search_does_not_use(name, de
 
 def test_a_start_in_any_piece_of_the_region_stays_in_its_piece():
     asked = scene("clutter")
-    problem = asked.problem(starts=10, candidates=20_000)
-    found = searched(problem, seed=0).solutions
+    found = default_search("clutter").solutions
     assert {end.component for end in found} > {1}
     for end in found:
         assert end.component is not None
