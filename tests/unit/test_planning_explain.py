@@ -23,6 +23,7 @@ from mvp.planning import (
     solve,
 )
 from mvp.planning.blockers import blocking_faces
+from mvp.planning.rows import RowTable
 from mvp.testing.clutter_scene import ClutterBox, clutter_scene
 from mvp.testing.planning_scenes import (
     IMAGE_DIAMETER_MM,
@@ -230,7 +231,11 @@ def test_an_admissible_view_close_to_failing_is_warned_about():
     )
     best = solve(problem, seed=0)[0]
     assert best.status == "admissible"
-    assert 0 < best.t < 1
+    assert best.t == pytest.approx(0.33, abs=0.03)
+    table = RowTable.of(problem)
+    weight = {k: best.duals.rows[table.mask(k)].sum() for k in best.margins}
+    assert weight["focus_near"] == pytest.approx(0.5, abs=0.05)
+    assert weight["focus_far"] == pytest.approx(0.5, abs=0.05)
     assert any("standard deviations from failing" in note for note in best.notes)
 
 
