@@ -4,6 +4,7 @@ Each ends in a typed error before its deadline, without a new motion, and the ar
 used again once the cause is gone.
 """
 
+import socket
 import threading
 import time
 from contextlib import contextmanager, suppress
@@ -281,24 +282,90 @@ def test_a_broken_link_to_polyscope_x_takes_nothing_down(ur_bench):
     assert len(bench.moves_since(0)) == 2
 
 
-def test_something_else_than_a_robot_is_a_wire_error(ur_shared, free_address):
-    import socket
+class Impostor:
+    """Something that listens where a PolyScope X controller has RTDE.
 
-    with socket.create_server((free_address, 30004)) as server:
-        thread = threading.Thread(target=lambda: answer_html(server))
-        thread.start()
-        error = refused(ur_shared.arm(host=free_address))
-        thread.join()
-    assert isinstance(error, WireError)
+    ``answers`` maps package types to whole answers; others get none.
+    """
+
+    def __init__(
+        self, host: str, answers: dict[str, bytes], first: bytes = b""
+    ) -> None:
+        self._answers = {ord(kind): answer for kind, answer in answers.items()}
+        self._first = first
+        self._server = socket.create_server((host, 30004))
+        self._server.settimeout(0.1)
+        self._threads = [threading.Thread(target=self._serve)]
+        self._ended = threading.Event()
+        self._threads[0].start()
+
+    def _serve(self) -> None:
+        while not self._ended.is_set():
+            with suppress(TimeoutError):
+                peer, _ = self._server.accept()
+                self._threads.append(threading.Thread(target=self._talk, args=(peer,)))
+                self._threads[-1].start()
+
+    def _talk(self, peer: socket.socket) -> None:
+        peer.settimeout(0.1)
+        data = b""
+        with peer, suppress(OSError):
+            peer.sendall(self._first)
+            while not self._ended.is_set():
+                with suppress(TimeoutError):
+                    data += peer.recv(4096) or self._gone()
+                while len(data) >= 3 and len(data) >= int.from_bytes(data[:2], "big"):
+                    size, kind = int.from_bytes(data[:2], "big"), data[2]
+                    data = data[size:]
+                    peer.sendall(self._answers.get(kind, b""))
+
+    def _gone(self) -> bytes:
+        raise ConnectionResetError
+
+    def __enter__(self) -> "Impostor":
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._ended.set()
+        for thread in self._threads:
+            thread.join()
+        self._server.close()
 
 
-def answer_html(server) -> None:
-    peer, _ = server.accept()
-    with peer:
-        peer.recv(64)
-        peer.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+ACCEPTED = bytes.fromhex("00045601")
+VERSION_10_11 = bytes.fromhex("001376" + "0000000a" + "0000000b" + "00" * 8)
+TYPES = b"DOUBLE,VECTOR6D,VECTOR6D,VECTOR6D,VECTOR6D,INT32,INT32,UINT32,UINT32,UINT32,DOUBLE,DOUBLE,VECTOR3D"
+OUTPUTS = (4 + len(TYPES)).to_bytes(2, "big") + b"O\x01" + TYPES
+STARTED = bytes.fromhex("00045301")
 
 
-@pytest.fixture
-def free_address() -> str:
-    return "127.0.77.77"
+@pytest.mark.parametrize(
+    ("answers", "first", "kinds"),
+    [
+        ({"V": b"HTTP/1.1 400 Bad Request\r\n"}, b"", (WireError,)),
+        (
+            {"V": ACCEPTED, "v": VERSION_10_11},
+            bytes.fromhex("00074d01410000"),
+            (WireError,),
+        ),
+        (
+            {"V": ACCEPTED, "v": VERSION_10_11, "O": OUTPUTS, "S": STARTED},
+            b"",
+            (ConnectError, DeviceTimeout),
+        ),
+    ],
+    ids=["another protocol", "a message before the answer", "no data after the start"],
+)
+def test_something_else_than_a_robot_is_found_out(ur_shared, answers, first, kinds):
+    host = "127.0.77.77"
+    with Impostor(host, answers, first):
+        error = refused(ur_shared.arm(host=host, handshake_timeout_s=5))
+    assert isinstance(error, kinds), repr(error)
+
+
+def test_a_robot_that_is_driven_already_is_left_alone(healed):
+    with healed.arm() as first:
+        error = refused(healed.arm())
+        assert isinstance(error, DeviceFault)
+        assert error.code == "foreign-program"
+        assert first.move_joints(HOME, timeout_s=30).standing
