@@ -20,8 +20,8 @@ _TRIMMINGS = 4
 _MOST_STARTS = 600
 _KEPT_STARTS = 10
 _CUT = 2.5
-# Standard deviation over median of the root mean square of two normal deviates.
-_RAYLEIGH = 1.2011
+# Standard deviation over upper quartile of the root mean square of two normal deviates.
+_RAYLEIGH = 0.8493
 _SMALLEST_SCATTER_PX = 0.15
 _ROUNDING_PX = 0.02
 _OFFSET_FLOOR_PX = 0.05
@@ -176,14 +176,14 @@ class _Equations:
         """The solution that most edges agree on, and the edges' weights, 0 to 1.
 
         Starts from every pair of edges and from all of them together; the pairs that
-        suit half of the edges best, and all, are refined by Tukey's biweight, and the
+        suit three of four edges best, and all, are refined by Tukey's biweight, and the
         one with the smallest cost is taken. An edge counts as a whole, by its own
         standard deviation.
         """
         best = self._trimmed(sd_px)
-        missed = self.missed(best[0])
+        missed = np.sort(self.missed(best[0]))[_most(len(sd_px)) - 1]
         freedom = max(len(sd_px) - 2, 1) / len(sd_px)
-        scatter = _RAYLEIGH * float(np.median(missed)) / np.sqrt(freedom)
+        scatter = _RAYLEIGH * float(missed) / np.sqrt(freedom)
         spread = np.hypot(max(scatter, _ROUNDING_PX), sd_px)
         everything = np.ones((1, len(sd_px)))
         solution = np.concatenate([self.solved(everything / sd_px**2), best])
@@ -195,7 +195,7 @@ class _Equations:
         return solution[chosen], weight[chosen]
 
     def _trimmed(self, sd_px: FloatArray) -> FloatArray:
-        """Least trimmed squares over half of the edges, the best few (m, 4)."""
+        """Least trimmed squares over three of four edges, the best few (m, 4)."""
         count = len(sd_px)
         first, second = np.triu_indices(count, 1)
         step = -(-len(first) // _MOST_STARTS) or 1
@@ -203,15 +203,20 @@ class _Equations:
         np.put_along_axis(pairs, first[::step, None], 1.0, axis=1)
         np.put_along_axis(pairs, second[::step, None], 1.0, axis=1)
         chosen = np.concatenate([np.ones((1, count)), pairs])
-        half = min(count // 2 + 2, count)
+        most = _most(count)
         for _ in range(_TRIMMINGS):
             solution = self.solved(chosen / sd_px**2)
             missed = (self.missed(solution) / sd_px) ** 2
-            cost = np.partition(missed, half - 1, axis=-1)[:, :half].sum(axis=-1)
+            cost = np.partition(missed, most - 1, axis=-1)[:, :most].sum(axis=-1)
             best = np.argsort(cost, kind="stable")[:_KEPT_STARTS]
-            limit = np.partition(missed[best], half - 1, axis=-1)[:, half - 1]
+            limit = np.partition(missed[best], most - 1, axis=-1)[:, most - 1]
             chosen = (missed[best] <= limit[:, None]).astype(np.float64)
         return solution[best]
+
+
+def _most(count: int) -> int:
+    """Three of four edges, of which the fit takes for granted that they are right."""
+    return -(-3 * count // 4)
 
 
 def _biweight(share: FloatArray) -> FloatArray:
