@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 from pydantic import Field
@@ -16,6 +15,7 @@ from drivers._genicam import (
     backend_for,
     installed_backends,
 )
+from drivers._genicam.kernel import rmem_max
 from drivers._genicam.pixels import frames_between, grey_picture
 from mvp.devices import DeviceContext, DeviceInfo, Frame, Role
 from mvp.devices.cameras import CameraFound
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _KEY = "genicam"
-_RMEM_MAX = Path("/proc/sys/net/core/rmem_max")
 _BUFFER_BYTES = 16 << 20
 _BYTES_PER_S = 100e6  # what Gigabit Ethernet carries of pictures
 _TRIES = 3
@@ -163,7 +162,7 @@ class GenicamCamera:
                 "address": self._config.address,
                 "packet_size": str(self._config.packet_size),
                 "receive_buffer": str(_BUFFER_BYTES),
-                "net.core.rmem_max": str(_rmem_max() or "unknown"),
+                "net.core.rmem_max": str(rmem_max() or "unknown"),
                 **{k: str(v) for k, v in session.backend.health().counts.items()},
             },
         )
@@ -254,7 +253,7 @@ class GenicamCamera:
         return Session(backend_for(config.backend), settings, self.name)
 
     def _warn_about_buffer(self, payload_bytes: int) -> None:
-        limit = _rmem_max()
+        limit = rmem_max()
         if limit is not None and limit < 2 * payload_bytes:
             _LOG.warning(
                 "%s: net.core.rmem_max is %d bytes, less than two frames of %d: frames "
@@ -395,11 +394,3 @@ class GenicamCamera:
             device=self.name,
             hint="check cable, supply and trigger of the camera",
         )
-
-
-def _rmem_max() -> int | None:
-    """The most that the kernel gives a receiving socket, bytes."""
-    try:
-        return int(_RMEM_MAX.read_text())
-    except (OSError, ValueError):
-        return None

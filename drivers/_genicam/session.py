@@ -85,10 +85,13 @@ class Session:
             ConnectError: nobody answers, or it is another camera.
             DeviceFault: a setting did not take.
         """
+        self.connected = False
+        with self._translated(ConnectError):
+            # Before the old connection is ended: saying goodbye to nobody takes 10 s.
+            self._check_somebody_there()
         self.close()
         try:
             with self._translated(ConnectError):
-                self._check_somebody_there()
                 self.identity = self.backend.open(self.settings.address)
                 self._check_serial(self.identity)
                 self._prepare()
