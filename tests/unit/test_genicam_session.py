@@ -1,0 +1,266 @@
+"""Settings that are proved, on a camera that exists only in memory."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers._genicam import (
+    BackendLost,
+    BackendRefused,
+    Delivery,
+    FoundBy,
+    Health,
+    Identity,
+    Session,
+    SessionSettings,
+    StreamSettings,
+    Value,
+)
+from drivers._genicam.pixels import frames_between, grey_picture
+from mvp.errors import ConnectError, DeviceFault, LimitError, LinkLost
+from mvp.testing import refuses
+
+_STREAM = StreamSettings(1400, 16 << 20, 4, True)
+_TRIGGERED = {"TriggerMode": "On", "TriggerSource": "Software"}
+
+
+@dataclass
+class MemoryCamera:
+    """A backend with features in a dictionary; it can lie, and it can die."""
+
+    features: dict[str, Value]
+    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+    entries: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    stuck: dict[str, Value] = field(default_factory=dict)
+    serial: str = "M1"
+    lost: bool = False
+    armed: int = 0
+    name: str = "memory"
+    version: str = "1"
+
+    def discover(self) -> tuple[FoundBy, ...]:
+        return ()
+
+    def open(self, address: str) -> Identity:
+        self._check()
+        return Identity("maker", "model", self.serial, "1")
+
+    def has(self, feature: str) -> bool:
+        return feature in self.features
+
+    def get(self, feature: str, kind: str) -> Value:
+        self._check()
+        return self.stuck.get(feature, self.features[feature])
+
+    def set(self, feature: str, value: Value) -> None:
+        self._check()
+        if feature not in self.features:
+            raise BackendRefused(f"no feature {feature}")
+        self.features[feature] = value
+
+    def bounds(self, feature: str, kind: str) -> tuple[float, float]:
+        return self.limits.get(feature, (-math.inf, math.inf))
+
+    def choices(self, feature: str) -> tuple[str, ...]:
+        return self.entries.get(feature, (str(self.features.get(feature)),))
+
+    def arm(self, settings: StreamSettings) -> None:
+        self._check()
+        self.armed += 1
+
+    def trigger(self) -> None:
+        self._check()
+
+    def drain(self) -> int:
+        return 0
+
+    def wait(self, timeout_s: float) -> Delivery | None:
+        self._check()
+        return None
+
+    def disarm(self) -> None: ...
+
+    def health(self) -> Health:
+        return Health(not self.lost)
+
+    def close(self) -> None: ...
+
+    def _check(self) -> None:
+        if self.lost:
+            raise BackendLost("gone")
+
+
+def _modern(**more: Value) -> MemoryCamera:
+    """A camera with the names of the standard (SFNC)."""
+    return MemoryCamera(
+        {
+            "AcquisitionMode": "Continuous",
+            "TriggerSelector": "FrameStart",
+            "TriggerMode": "Off",
+            "TriggerSource": "Line1",
+            "ExposureAuto": "Continuous",
+            "GainAuto": "Once",
+            "ExposureTime": 5000.0,
+            "Gain": 0.0,
+            "GainRaw": 7,
+            **more,
+        },
+        limits={"ExposureTime": (20.0, 1e6), "Gain": (0.0, 24.0)},
+        entries={
+            "TriggerMode": ("Off", "On"),
+            "TriggerSource": ("Line1", "Software"),
+            "ExposureAuto": ("Off", "Continuous"),
+            "GainAuto": ("Off", "Once"),
+        },
+    )
+
+
+def _session(camera: MemoryCamera, **changes: object) -> Session:
+    settings: dict[str, object] = {
+        "address": "a name",
+        "serial": "",
+        "features": {},
+        "stream": _STREAM,
+        "gain_db_per_raw": None,
+        "gain_floor": 0.0,
+        **changes,
+    }
+    return Session(camera, SessionSettings(**settings), "camera")  # type: ignore[arg-type]
+
+
+def test_connecting_switches_everything_automatic_off_and_waits_for_triggers() -> None:
+    camera = _modern()
+    _session(camera).connect()
+    for feature in ("ExposureAuto", "GainAuto"):
+        assert camera.features[feature] == "Off"
+    assert {key: camera.features[key] for key in _TRIGGERED} == _TRIGGERED
+    assert camera.armed == 1
+
+
+def test_the_standard_name_wins_over_older_ones() -> None:
+    camera = _modern()
+    session = _session(camera)
+    session.connect()
+    session.configure(0.004, 2.0)
+    assert camera.features["ExposureTime"] == pytest.approx(4000.0)
+    assert camera.features["Gain"] == pytest.approx(20 * math.log10(2))
+    assert camera.features["GainRaw"] == 7
+    assert session.gain == pytest.approx(2.0)
+
+
+def test_a_camera_that_keeps_its_automatic_exposure_is_refused() -> None:
+    camera = _modern()
+    camera.stuck["ExposureAuto"] = "Continuous"
+    refuses(DeviceFault, _session(camera).connect)
+    camera = _modern()
+    camera.entries["ExposureAuto"] = ("Continuous",)
+    error = refuses(DeviceFault, _session(camera).connect)
+    assert "ExposureAuto" in error.message
+
+
+def test_a_value_that_reads_back_differently_is_a_fault() -> None:
+    camera = _modern()
+    session = _session(camera)
+    session.connect()
+    camera.stuck["ExposureTime"] = 4100.0
+    error = refuses(DeviceFault, lambda: session.configure(0.004, 1.0))
+    assert error.code == "read-back"
+
+
+def test_rounding_by_the_camera_is_accepted_and_reported() -> None:
+    camera = _modern()
+    session = _session(camera)
+    session.connect()
+    camera.stuck["ExposureTime"] = 4003.2
+    session.configure(0.004, 1.0)
+    assert session.exposure_s == pytest.approx(0.0040032)
+
+
+def test_a_whole_number_must_read_back_exactly() -> None:
+    camera = _modern(Width=640)
+    camera.stuck["Width"] = 632
+    refuses(DeviceFault, _session(camera, features={"Width": 635}).connect)
+
+
+def test_after_a_loss_the_same_camera_gets_its_settings_again() -> None:
+    camera = _modern()
+    session = _session(camera)
+    session.connect()
+    session.configure(0.004, 2.0)
+    camera.lost = True
+    refuses(LinkLost, session.trigger)
+    assert not session.connected
+    refuses(ConnectError, session.connect)
+    camera.lost = False
+    camera.features.update({"ExposureTime": 1.0, "TriggerMode": "Off"})
+    session.connect()
+    assert camera.features["ExposureTime"] == pytest.approx(4000.0)
+    assert camera.features["TriggerMode"] == "On"
+
+
+def test_after_a_loss_another_camera_is_refused() -> None:
+    camera = _modern()
+    session = _session(camera)
+    session.connect()
+    camera.serial = "M2"
+    error = refuses(ConnectError, session.connect)
+    assert "'M2'" in error.message
+    assert "'M1'" in error.message
+
+
+def test_a_camera_without_a_known_exposure_setting_is_refused() -> None:
+    camera = _modern()
+    del camera.features["ExposureTime"]
+    refuses(DeviceFault, _session(camera).connect)
+
+
+def test_a_gain_below_the_cameras_range_is_refused() -> None:
+    session = _session(_modern())
+    session.connect()
+    refuses(LimitError, lambda: session.configure(0.004, 0.5))
+    refuses(LimitError, lambda: session.configure(0.004, 0.0))
+
+
+@given(st.integers(1, 65535), st.integers(0, 1000))
+def test_a_sixteen_bit_counter_that_wraps_is_followed(last: int, steps: int) -> None:
+    def after(number: int) -> int:
+        return (number - 1 + steps) % 65535 + 1  # 0 is left out
+
+    advance = frames_between(last, after(last))
+    assert advance == steps
+
+
+@given(st.integers(0, 1 << 63), st.integers(0, 1 << 20))
+def test_a_long_counter_is_followed(last: int, steps: int) -> None:
+    assert frames_between(last, last + steps) == steps
+
+
+def test_a_long_counter_that_goes_back_is_no_advance() -> None:
+    assert frames_between(1 << 20, 5) == 0
+    assert frames_between(100, 99) == 0
+
+
+@given(st.integers(1, 7), st.integers(1, 9), st.sampled_from([8, 10, 12, 14, 16]))
+def test_packed_grey_values_come_back(width: int, height: int, bits: int) -> None:
+    codes = {8: 0x01080001, 10: 0x01100003, 12: 0x01100005, 14: 0x01100025}
+    rng = np.random.default_rng(width * height)
+    picture = rng.integers(0, 1 << bits, (height, width))
+    kind = np.uint8 if bits == 8 else np.uint16
+    data = picture.astype(np.uint8 if bits == 8 else "<u2").tobytes()
+    code = codes.get(bits, 0x01100007)
+    pixels, full = grey_picture(data, width=width, height=height, pixel_code=code)
+    assert pixels.dtype == kind
+    assert full == (1 << bits) - 1
+    assert np.array_equal(pixels, picture)
+
+
+@given(st.binary(max_size=64), st.integers(0, 1 << 32))
+def test_short_or_foreign_pictures_are_refused(data: bytes, code: int) -> None:
+    with pytest.raises(ValueError, match=r"pixel format|bytes instead"):
+        grey_picture(data, width=9, height=9, pixel_code=code)
