@@ -1,0 +1,1 @@
+"""What the gantry driver is made of: axes, codes, and one wire per firmware family."""

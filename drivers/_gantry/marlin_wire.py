@@ -1,0 +1,340 @@
+"""Marlin 2: every line is answered by ``ok``, in order; lines carry a checksum.
+
+Arrival is the answer to ``M400``, during which ``busy`` lines are signs of life. The
+software end-stops clamp without a word, so the position is compared with the target.
+Nothing can be asked while it moves; the only stop is ``M410``, after which the position
+is doubtful.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from typing import TYPE_CHECKING
+
+from drivers._gantry.wire import Activity, Identity, Report
+from mvp.devices import LineFramer, Session, Take, text
+from mvp.errors import (
+    ConnectError,
+    DeviceError,
+    DeviceFault,
+    DeviceTimeout,
+    MotionStopped,
+    WireError,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+
+    from drivers._gantry.config import GantryConfig
+    from mvp.devices import Ask, DeviceContext
+
+_LOG = logging.getLogger(__name__)
+_OK = re.compile(r"ok\b")
+_PLACE = re.compile(r"([XYZABCUVW]):(-?\d+(?:\.\d+)?)")
+_RESEND = re.compile(r"Resend:\s*(\d+)")
+_SENT_AGAIN = 3
+_ALIVE_S = 10.0  # busy lines come every two seconds
+
+
+class _Damaged(WireError):
+    """The line did not arrive as it was sent; it was not executed."""
+
+
+class MarlinWire:
+    """Conversation with one board.
+
+    Args:
+        config: port, axes, whether lines are numbered.
+        context: clock, links, where traffic is written after a fault.
+        name: of the device.
+        on_home_lost: told when the position is not known any more.
+    """
+
+    def __init__(
+        self,
+        config: GantryConfig,
+        context: DeviceContext,
+        name: str,
+        *,
+        on_home_lost: Callable[[str], None],
+    ) -> None:
+        self._name = name
+        self._config = config
+        self._on_home_lost = on_home_lost
+        self._number = 0
+        self._doing = ""
+        self._can_stop = False
+        self._halted = ""
+        self._last: Report | None = None
+        self._session = Session(
+            context.transports(config, name),
+            LineFramer(),
+            clock=context.clock,
+            on_push=self._pushed,
+            sync=self._sync,
+            on_lost=lambda error: on_home_lost("the link was lost"),
+            strip_echo=config.strip_echo,
+            dump_folder=context.dump_folder,
+        )
+
+    @property
+    def address(self) -> str:
+        """Where the link leads."""
+        return self._session.address
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the link has broken."""
+        return self._session.is_lost
+
+    def open(self) -> Identity:
+        """Connect and ask who is there. Moves nothing.
+
+        Raises:
+            ConnectError: nobody answers, or it is no Marlin.
+        """
+        self._halted = ""
+        self._session.open()
+        try:
+            lines = self._session.request_until(
+                b"M115\n",
+                self._listing,
+                timeout_s=self._config.answer_s,
+                patience_s=self._config.identify_s,
+            )
+        except DeviceTimeout as error:
+            raise ConnectError(
+                "no Marlin answers on this port",
+                device=self._name,
+                hint="is it switched on, and is this the right port and speed?",
+            ) from error
+        said = " ".join(text(line) for line in lines)
+        found = re.search(r"FIRMWARE_NAME:\s*(\S+(?:\s+[\d.]+)?)", said)
+        if found is None:
+            raise ConnectError(
+                "it gives no firmware name: this is no Marlin",
+                device=self._name,
+                hint="check port and firmware",
+            )
+        self._can_stop = "EMERGENCY_PARSER:1" in said
+        self._renumber()
+        self._order("G21")
+        self._order("G90")
+        self.report()
+        return Identity("marlin", found[1])
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._session.close()
+
+    def report(self) -> Report:
+        """The planned end of the queue when it stands; the last one while it moves.
+
+        Raises:
+            DeviceFault: the board has halted.
+            DeviceTimeout, WireError, LinkLost: no sensible answer.
+        """
+        if self._doing and self._last is not None:
+            return Report(Activity.MOVES, self._last.machine, None, self._doing)
+        self._refuse_when_halted()
+        frames = self._ask("M114")
+        places: dict[str, float] = {}
+        for frame in frames:
+            before_count = text(frame).split("Count")[0]
+            places |= {axis: float(v) for axis, v in _PLACE.findall(before_count)}
+        missing = [a.letter for a in self._config.axes if a.letter not in places]
+        if missing:
+            raise WireError(
+                f"its position has no {', '.join(missing)}",
+                device=self._name,
+                hint="does the firmware have that axis?",
+            )
+        self._last = Report(Activity.STANDS, places, None, "idle")
+        return self._last
+
+    def home(self, *, timeout_s: float) -> None:
+        """``G28`` of the axes that have a switch.
+
+        Raises:
+            DeviceFault: a switch was not found; the board has halted.
+            MotionStopped: ``halt`` was called.
+        """
+        self._refuse_when_halted()
+        letters = [a.letter for a in self._config.axes if a.home == "switch"]
+        self._doing = "homing"
+        try:
+            self._order("G28 " + " ".join(letters), timeout_s)
+            self._order("M400", timeout_s)
+        finally:
+            self._doing = ""
+
+    def move(self, words: str, *, feed_min: float, timeout_s: float) -> None:
+        """One straight move.
+
+        Raises:
+            DeviceFault: refused, or the board has halted.
+            DeviceTimeout: it still moves.
+            MotionStopped: ``halt`` was called.
+        """
+        self._refuse_when_halted()
+        self._order("G90")
+        self._doing = "moving"
+        try:
+            self._order(f"G1 {words} F{feed_min:.1f}")
+            self._order("M400", timeout_s)
+        finally:
+            self._doing = ""
+
+    def halt(self) -> None:
+        """``M410``; at once where the board reads ahead, else when its turn comes."""
+        self._session.send(b"M410\n")
+        stopped = MotionStopped("stopped while it moved", device=self._name)
+        self._session.abort(stopped, in_step=False)
+
+    def settle_halt(self) -> bool:
+        """Wait for quiet; the position is doubtful after a quick stop."""
+        self._session.fall_out_of_step()
+        try:
+            self._order("M400", _ALIVE_S)
+        except DeviceError as error:
+            _LOG.warning("%s: %s", self._name, error.message)
+        return False
+
+    def dumping(self) -> AbstractContextManager[None]:
+        """Write the traffic down when a device error passes."""
+        return self._session.dumping()
+
+    def reset_steps(self) -> list[tuple[str, Callable[[], str]]]:
+        """A halted board wakes up only when it is switched off and on."""
+        if not self._halted:
+            return []
+        return [
+            (
+                f"The board has halted ({self._halted}). Look what it touched, then "
+                "switch it off and on.",
+                self._person_restarts,
+            )
+        ]
+
+    # ------------------------------------------------------------ lines
+
+    def _order(self, line: str, timeout_s: float | None = None) -> None:
+        self._ask(line, timeout_s)
+
+    def _ask(self, line: str, timeout_s: float | None = None) -> tuple[bytes, ...]:
+        """Send a line until it has arrived whole; what was damaged was not executed."""
+        limit = self._config.answer_s if timeout_s is None else timeout_s
+        for tries_left in reversed(range(_SENT_AGAIN + 1)):
+            self._number += 1
+            try:
+                return self._session.request(
+                    self._framed(line),
+                    lambda frame: self._is_ok(line, frame),
+                    timeout_s=limit,
+                )
+            except _Damaged as error:
+                _LOG.warning("%s: %s", self._name, error.message)
+                if not tries_left:
+                    raise
+                self._renumber()
+        raise RuntimeError("unreachable")
+
+    def _framed(self, line: str) -> bytes:
+        if not self._config.number_lines:
+            return f"{line}\n".encode("ascii")
+        return numbered(self._number, line)
+
+    def _renumber(self) -> None:
+        """Begin to count lines anew."""
+        self._number = 0
+        if self._config.number_lines:
+            self._session.request(
+                numbered(0, "M110 N0"),
+                lambda frame: self._is_ok("M110", frame),
+                timeout_s=self._config.answer_s,
+            )
+
+    def _is_ok(self, line: str, frame: bytes) -> Take:
+        said = text(frame).strip()
+        if _OK.match(said):
+            return Take.DONE
+        if said.startswith(("echo:busy", "busy")):
+            return Take.ALIVE
+        if _RESEND.match(said):
+            self._session.fall_out_of_step()
+            raise _Damaged(f"{line!r} arrived damaged", device=self._name)
+        if said.startswith("Error:") and "Last Line" in said:
+            return Take.PART
+        if said.startswith("echo:Unknown command"):
+            self._session.fall_out_of_step()
+            raise DeviceFault(
+                f"does not know {line!r}",
+                device=self._name,
+                code="unknown command",
+                hint="is the firmware built with this axis and code?",
+            )
+        return Take.PART if _PLACE.search(said) else Take.OTHER
+
+    def _listing(self, frame: bytes) -> Take:
+        """Lines of ``M115`` up to their ``ok``."""
+        said = text(frame).strip()
+        if _OK.match(said):
+            return Take.DONE
+        known = said.startswith(("FIRMWARE_NAME", "Cap:"))
+        return Take.PART if known else Take.OTHER
+
+    def _sync(self, ask: Ask) -> None:
+        ask(b"M115\n", self._listing, timeout_s=self._config.answer_s)
+
+    # ------------------------------------------------------------ unasked
+
+    def _pushed(self, frame: bytes) -> bool:
+        """Everything that is no answer; on the reader's thread."""
+        said = text(frame).strip()
+        if said == "start":
+            self._on_home_lost("the board restarted")
+            if self._doing:
+                raise DeviceFault(
+                    "the board restarted; everything queued is lost",
+                    device=self._name,
+                    code="start",
+                    hint="check its supply, then home it again",
+                )
+        if said.startswith("Error:") and "Last Line" not in said:
+            self._fail(said)
+        return not said or said.startswith(("echo:", "start", "Error:", "//", "Cap:"))
+
+    def _fail(self, said: str) -> None:
+        self._halted = said.removeprefix("Error:").strip()[:120]
+        self._on_home_lost(self._halted)
+        raise DeviceFault(
+            f"the board has halted: {self._halted}",
+            device=self._name,
+            code=self._halted[:60],
+            hint="look what it touched, switch it off and on, then home it again",
+        )
+
+    def _refuse_when_halted(self) -> None:
+        if self._halted:
+            raise DeviceFault(
+                f"the board has halted: {self._halted}",
+                device=self._name,
+                code=self._halted[:60],
+                hint="switch it off and on; `mvp-cell recover CELL` walks the way back",
+            )
+
+    def _person_restarts(self) -> str:
+        self.close()
+        identity = self.open()
+        return f"{identity.version} answers; home it before anything else moves"
+
+
+def numbered(number: int, line: str) -> bytes:
+    """A line with its number and its checksum."""
+    body = f"N{number} {line}".encode("ascii")
+    check = 0
+    for byte in body:
+        check ^= byte
+    return body + b"*%d\n" % check

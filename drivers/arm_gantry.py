@@ -1,0 +1,335 @@
+"""A serial gantry with a pan/tilt head: GRBL, grblHAL, FluidNC or Marlin.
+
+The envelope is checked here before anything is sent; arrival is the firmware's word and
+a position read back. The driver never unlocks an alarm, writes a setting or repeats a
+motion by itself.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+
+from drivers._gantry.axes import GantryAxes
+from drivers._gantry.config import GantryConfig
+from drivers._gantry.grbl_wire import GrblWire
+from drivers._gantry.marlin_wire import MarlinWire
+from drivers._gantry.wire import Activity
+from mvp.devices import (
+    ArmState,
+    DeviceContext,
+    DeviceInfo,
+    Link,
+    RecoveryStep,
+    Role,
+)
+from mvp.errors import DeviceError, DeviceFault, DeviceTimeout, LimitError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from drivers._gantry.wire import GantryWire, Identity, Report
+    from mvp.geometry import FloatArray
+
+_LOG = logging.getLogger(__name__)
+
+
+class GantryArm:
+    """A gantry on one serial port."""
+
+    role: ClassVar[Role] = "arm"
+    Config = GantryConfig
+
+    def __init__(self, config: GantryConfig, context: DeviceContext, name: str) -> None:
+        self.name = name
+        self._config = config
+        self._clock = context.clock
+        self._axes = GantryAxes(config, name)
+        wire = MarlinWire if config.firmware == "marlin" else GrblWire
+        self._wire: GantryWire = wire(
+            config, context, name, on_home_lost=self._lose_home
+        )
+        self._link = Link(
+            name, context.clock, connect=self._connect, disconnect=self._disconnect
+        )
+        self._lock = threading.Lock()
+        self._homed = False
+        self._identity: Identity | None = None
+        self._stopping = threading.Event()
+
+    @classmethod
+    def from_config(
+        cls, config: GantryConfig, context: DeviceContext, *, name: str
+    ) -> Self:
+        """Build the device; no I/O."""
+        return cls(config, context, name)
+
+    def open(self) -> None:
+        """Connect and identify. Moves nothing.
+
+        Raises:
+            ConnectError: no such port, in use, or another machine.
+        """
+        self._link.open()
+
+    def close(self) -> None:
+        """Stop a motion and disconnect."""
+        self._link.close()
+
+    def __enter__(self) -> Self:
+        self.open()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def info(self) -> DeviceInfo:
+        """Identity and versions."""
+        self._link.require_open()
+        identity = self._identity
+        declared = [a.letter for a in self._config.axes if a.home == "declared"]
+        return DeviceInfo(
+            self.name,
+            "gantry",
+            self._config.model,
+            self._config.serial,
+            f"{identity.firmware} {identity.version}" if identity else "",
+            simulated=False,
+            extra={
+                "address": self._wire.address,
+                "declared_axes": ", ".join(declared) or "none",
+            },
+        )
+
+    @property
+    def homed(self) -> bool:
+        """Whether it is known where the axes are."""
+        return self._homed
+
+    def state(self) -> ArmState:
+        """Where the counters say that it is.
+
+        Raises:
+            DeviceFault: an alarm stands.
+            ConnectError, DeviceTimeout, LinkLost, WireError: no sensible answer.
+        """
+        self._link.require_open()
+        report = self._wire.report()
+        self._refuse_alarm(report)
+        return self._state_of(report)
+
+    def check_joints(self, joints: Sequence[float]) -> None:
+        """Raise ``LimitError`` when the target is outside the limits. Never moves."""
+        self._axes.checked(joints)
+
+    def duration_s(
+        self,
+        start: Sequence[float],
+        target: Sequence[float],
+        *,
+        speed_fraction: float = 1.0,
+    ) -> float:
+        """How long such a move takes, s: ramps and settling included."""
+        way = self._axes.duration_s(
+            np.asarray(start, np.float64),
+            np.asarray(target, np.float64),
+            _share(speed_fraction),
+        )
+        return way + self._config.settle_s
+
+    def home(self, *, timeout_s: float) -> ArmState:
+        """Let the firmware find its switches; declared axes are believed. Moves.
+
+        Raises:
+            DeviceFault: an alarm stands, or a switch was not found.
+            DeviceTimeout, MotionStopped: see the protocol.
+        """
+        self._link.require_open()
+        with self._wire.dumping(), self._link.busy(self._stopping.clear):
+            self._lose_home("homing")
+            with self._stopped_cleanly():
+                self._wire.home(timeout_s=timeout_s)
+            self._check_declared(self._wire.report())
+            with self._lock:
+                self._homed = True
+        return self.state()
+
+    def move_joints(
+        self, joints: Sequence[float], *, speed_fraction: float = 1.0, timeout_s: float
+    ) -> ArmState:
+        """Move along a straight line in joint space; return where it stands.
+
+        Raises:
+            LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
+        """
+        self._link.require_open()
+        target = self._axes.checked(joints)
+        share = _share(speed_fraction)
+        with self._wire.dumping(), self._link.busy(self._stopping.clear):
+            here = self._ready()
+            feed = self._axes.feed_min(here, target, share)
+            with self._stopped_cleanly():
+                self._wire.move(
+                    self._axes.words(target), feed_min=feed, timeout_s=timeout_s
+                )
+            self._settle()
+            return self._arrived(target)
+
+    def stop(self) -> None:
+        """Stop now, from any thread; a homing that is stopped loses the position."""
+        if not self._link.is_open or self._wire.is_lost:
+            return
+        self._stopping.set()
+        self._link.interrupt()
+        if self._link.interrupted:
+            self._wire.halt()
+
+    def recovery(self) -> Iterator[RecoveryStep]:
+        """Out of an alarm: reset, then home; each step is for a person to allow.
+
+        Raises:
+            DeviceError: it cannot be asked what is the matter.
+        """
+        self.open()
+        for words, act in self._wire.reset_steps():
+            yield RecoveryStep(words, acknowledge=True, act=act)
+        if not self._homed:
+            yield RecoveryStep(
+                "It is not known where the axes are. Homing moves Z up and then X and "
+                "Y to their switches: nothing may be in the way.",
+                acknowledge=True,
+                act=self._home_for_person,
+            )
+
+    # ------------------------------------------------------------ inside
+
+    def _home_for_person(self) -> str:
+        self.home(timeout_s=self._config.homing_s)
+        return "homed"
+
+    def _connect(self) -> None:
+        try:
+            self._identity = self._wire.open()
+            report = self._wire.report()
+        except BaseException:
+            self._wire.close()
+            raise
+        with self._lock:
+            self._homed = report.homed is True
+        _LOG.warning("%s: this driver was not tried on hardware yet", self.name)
+
+    def _disconnect(self) -> None:
+        with suppress(DeviceError):
+            self.stop()
+        self._wire.close()
+        self._lose_home("disconnected")
+
+    def _lose_home(self, why: str) -> None:
+        with self._lock:
+            lost, self._homed = self._homed, False
+        if lost:
+            _LOG.warning("%s: not homed any more: %s", self.name, why)
+
+    def _refuse_alarm(self, report: Report) -> None:
+        if report.activity is Activity.ALARM and self._homed:
+            self._lose_home(report.state)
+        if report.activity is Activity.HELD:
+            raise DeviceFault(
+                f"is held ({report.state})",
+                device=self.name,
+                code=report.state,
+                hint="`mvp-cell recover CELL` walks the way back",
+            )
+
+    def _state_of(self, report: Report) -> ArmState:
+        joints = self._axes.joints(report.machine)
+        pose = self._axes.model.forward(np.array(joints)).matrix
+        standing = report.activity in (Activity.STANDS, Activity.ALARM)
+        return ArmState(joints, pose, standing, self._clock.now_s())
+
+    def _ready(self) -> FloatArray:
+        """Joints it starts from; refuses when it should not move at all."""
+        report = self._wire.report()
+        self._refuse_alarm(report)
+        if not self._homed:
+            raise LimitError(
+                "not homed; nothing has moved",
+                device=self.name,
+                hint="`mvp-cell home CELL`, with nothing in the way of the axes",
+            )
+        if report.activity is not Activity.STANDS:
+            raise DeviceFault(
+                f"cannot move now: {report.state}",
+                device=self.name,
+                code=report.state,
+                hint="does something else drive it?",
+            )
+        return np.array(self._axes.joints(report.machine))
+
+    @contextmanager
+    def _stopped_cleanly(self) -> Iterator[None]:
+        """Whatever ends a motion early: bring it to rest, and know what is lost."""
+        try:
+            yield
+        except DeviceTimeout as error:
+            with suppress(DeviceError):
+                self._wire.halt()
+            self._come_to_rest()
+            raise DeviceTimeout(
+                "did not arrive in time; it has been stopped",
+                device=self.name,
+                hint="is its speed configured too high, or does something block it?",
+            ) from error
+        except BaseException:
+            if not self._wire.is_lost:
+                self._come_to_rest()
+            raise
+
+    def _come_to_rest(self) -> None:
+        if self._wire.is_lost or not self._wire.settle_halt():
+            self._lose_home("it was stopped in a way that may lose steps")
+
+    def _settle(self) -> None:
+        """Ringing is not visible to the firmware."""
+        self._clock.wait(self._stopping, self._config.settle_s)
+
+    def _arrived(self, target: FloatArray) -> ArmState:
+        """Where it stands.
+
+        Raises:
+            DeviceFault: elsewhere: a byte was lost, or the firmware clamped it.
+        """
+        report = self._wire.report()
+        off = self._axes.off(report.machine, target)
+        if report.activity is not Activity.STANDS or off:
+            raise DeviceFault(
+                f"stands elsewhere ({report.state}): off by {off or 'nothing'}",
+                device=self.name,
+                code="position",
+                hint="is the line disturbed, or the target beyond the machine's own "
+                "end-stops?",
+            )
+        return self._state_of(report)
+
+    def _check_declared(self, report: Report) -> None:
+        """An axis that nothing measures must be where the configuration says."""
+        for axis in self._config.axes:
+            at = report.machine[axis.letter]
+            if axis.home == "declared" and abs(at - axis.declared_at) > axis.tolerance:
+                raise DeviceFault(
+                    f"axis {axis.letter} reads {at:g}, declared {axis.declared_at:g}",
+                    device=self.name,
+                    code="declared",
+                    hint="put it to its mark by hand and switch the controller off and "
+                    "on, so that it counts from there",
+                )
+
+
+def _share(speed_fraction: float) -> float:
+    if not 0 < speed_fraction <= 1:
+        raise ValueError("speed_fraction is above 0 and at most 1")
+    return speed_fraction
