@@ -173,10 +173,8 @@ def test_an_emergency_stop_takes_the_power(play: Play) -> None:
 
 def test_a_stop_ends_a_call_that_waits(play: Play) -> None:
     said = play("blocking_move_stopped")
-    assert said["protective_stop"][0] is False
-    assert said["protective_stop"][2:] == [0x404, False]
-    assert said["emergency_stop"][0] is False
-    assert said["emergency_stop"][2:] == [0x4C0, True]
+    assert said["protective_stop"] == [False, 0x404, False]
+    assert said["emergency_stop"] == [False, 0x4C0, True]
 
 
 def test_a_safeguard_stop_waits_and_goes_on(play: Play) -> None:
@@ -310,7 +308,15 @@ def test_upper_registers_fail_where_script_and_client_disagree() -> None:
     assert said["moved"] is False
 
 
-@pytest.mark.parametrize("profile", ["3.15", "e5.21", "e5.23", "x10.11"])
+@pytest.mark.parametrize(
+    "profile",
+    [
+        "3.15",
+        pytest.param("e5.21", marks=pytest.mark.full),
+        "e5.23",
+        "x10.11",
+    ],
+)
 def test_every_generation_moves_and_answers(profile: str) -> None:
     config = UrSimulatorConfig(profile=profile, speed_scale=2.0)
     with UrSimulator(config, "arm") as simulator:
