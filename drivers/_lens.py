@@ -88,6 +88,7 @@ class LensConfig(TransportConfig):
         focus: range of that motor.
         iris: range of that motor.
         answer_s: how long an answer may take that waits for no motion.
+        quiet_s: silence after which no late answer is expected.
         identify_s: how long to ask for an identity; ports just plugged in are busy for
             some seconds.
     """
@@ -97,6 +98,7 @@ class LensConfig(TransportConfig):
     focus: AxisRange | None = None
     iris: AxisRange | None = None
     answer_s: float = Field(default=1.0, gt=0)
+    quiet_s: float = Field(default=0.2, ge=0)
     identify_s: float = Field(default=15.0, ge=0)
 
 

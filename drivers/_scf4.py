@@ -133,6 +133,7 @@ class Scf4Wire:
             sync=self._ask_identity,
             on_lost=on_lost,
             strip_echo=config.strip_echo,
+            quiet_s=config.quiet_s,
             dump_folder=context.dump_folder,
         )
 

@@ -182,6 +182,7 @@ class TheiaWire:
             sync=self._sync,
             on_lost=on_lost,
             strip_echo=config.strip_echo,
+            quiet_s=config.quiet_s,
             dump_folder=context.dump_folder,
         )
 

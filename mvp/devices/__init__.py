@@ -1,5 +1,6 @@
 """Device protocols, clocks and the registry of drivers."""
 
+from mvp.devices.command_slot import Accept, Ask, Take
 from mvp.devices.context import Clock, DeviceContext, RealClock, ScaledClock
 from mvp.devices.framing import (
     DelimiterFramer,
@@ -41,7 +42,7 @@ from mvp.devices.registry import (
     load_world,
 )
 from mvp.devices.serial_line import SerialTransport, TcpTransport
-from mvp.devices.session import Accept, Ask, Session, Take
+from mvp.devices.session import Session
 from mvp.devices.simulator import Simulator, SimulatorClass
 from mvp.devices.transport import Transport, TransportConfig, recorded_link
 from mvp.devices.world import LampBelief, LightBelief, WorldBelief, WorldClass
@@ -73,9 +74,9 @@ __all__ = [
     "Link",
     "PortFound",
     "RealClock",
+    "RecordingTransport",
     "Recoverable",
     "RecoveryStep",
-    "RecordingTransport",
     "ReplayTransport",
     "Role",
     "ScaledClock",

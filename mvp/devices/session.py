@@ -1,9 +1,8 @@
 """One conversation over a link: a reader, one command at a time, and everything else.
 
-A single thread reads and offers every frame to the command that waits for an answer;
-what that does not take goes to the driver's push handler. A command ends in exactly one
-of: answered, refused (its ``accept`` raised), aborted (by the push handler or a stop),
-timed out, or lost with the link.
+One thread reads and offers every frame to the command that waits; what that does not
+take goes to the push handler. A command is answered, refused (its ``accept`` raised),
+aborted (by the push handler or a stop), timed out, or lost with the link.
 
 After a time-out an answer may still come, and would be taken for the next command's.
 The session is then *out of step*: before the next command it waits until nothing
@@ -14,10 +13,9 @@ from __future__ import annotations
 
 import logging
 import threading
-from dataclasses import dataclass, field
-from enum import Enum
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING
 
+from mvp.devices.command_slot import CommandSlot
 from mvp.devices.framing import EchoStripper
 from mvp.devices.recording import dumping_faults
 from mvp.errors import (
@@ -34,6 +32,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from pathlib import Path
 
+    from mvp.devices.command_slot import Accept, Ask
     from mvp.devices.context import Clock
     from mvp.devices.framing import Framer
     from mvp.devices.transport import Transport
@@ -42,41 +41,6 @@ _LOG = logging.getLogger(__name__)
 _READ_S = 0.1  # how often the reader looks whether it shall end
 _JOIN_S = 5.0
 _DRAIN_LIMIT_S = 10.0
-
-
-class Take(Enum):
-    """What a frame is to the command that waits for its answer."""
-
-    OTHER = "not for this command"
-    PART = "belongs to the answer, which goes on"
-    ALIVE = "not the answer, but the device is at it: the deadline starts anew"
-    DONE = "completes the answer"
-
-
-Accept: TypeAlias = "Callable[[bytes], Take]"
-
-
-class Ask(Protocol):
-    """Sends a command and waits for its answer, also while out of step."""
-
-    def __call__(
-        self, data: bytes, accept: Accept, *, timeout_s: float
-    ) -> tuple[bytes, ...]:
-        """The frames of the answer; errors as of ``Session.request``."""
-        ...
-
-
-@dataclass(eq=False)
-class _Pending:
-    """The command that waits for its answer."""
-
-    accept: Accept
-    timeout_s: float
-    deadline_s: float
-    frames: list[bytes] = field(default_factory=list)
-    error: MvpCellError | None = None
-    ended: threading.Event = field(default_factory=threading.Event)
-    released: threading.Event = field(default_factory=threading.Event)
 
 
 def _no_push(frame: bytes) -> bool:
@@ -115,6 +79,7 @@ class Session:
         quiet_s: float = 0.2,
         dump_folder: Path | None = None,
     ) -> None:
+        self._name = transport.name
         self._transport = transport
         self._framer = framer
         self._clock = clock
@@ -127,7 +92,7 @@ class Session:
         self._lock = threading.Lock()
         self._reader: threading.Thread | None = None
         self._ending = threading.Event()
-        self._pending: _Pending | None = None
+        self._slot = CommandSlot(clock, transport.name)
         self._lost: str | None = None
         self._out_of_step = False
         self._forget_partial = False
@@ -182,7 +147,7 @@ class Session:
             self._reader = threading.Thread(
                 target=self._read,
                 args=(self._ending,),
-                name=f"{self._transport.name}-reader",
+                name=f"{self._name}-reader",
                 daemon=True,
             )
         self._reader.start()
@@ -195,9 +160,7 @@ class Session:
         self._transport.close()
         if reader is not None and reader is not threading.current_thread():
             reader.join(_JOIN_S)
-        self.abort(
-            ConnectError("closed while a command waited", device=self._transport.name)
-        )
+        self.abort(ConnectError("closed while a command waited", device=self._name))
 
     def request(
         self, data: bytes, accept: Accept, *, timeout_s: float, optional: bool = False
@@ -222,7 +185,8 @@ class Session:
             MvpCellError: whatever ``accept`` or the push handler raised.
         """
         with self.dumping():
-            return self._request(data, accept, timeout_s, optional=optional)
+            self._get_ready()
+            return self._exchange(data, accept, timeout_s=timeout_s, optional=optional)
 
     def request_until(
         self,
@@ -235,8 +199,7 @@ class Session:
     ) -> tuple[bytes, ...]:
         """Ask a harmless question again until it is answered.
 
-        For identities and positions on a disturbed line, and for devices that are
-        still booting when the port opens. Never for anything that moves.
+        For disturbed lines and devices that are still booting. Never to move.
 
         Args:
             data: the bytes of the question.
@@ -254,7 +217,8 @@ class Session:
             while True:
                 tries -= 1
                 try:
-                    return self._request(data, accept, timeout_s, optional=False)
+                    self._get_ready()
+                    return self._exchange(data, accept, timeout_s=timeout_s)
                 except (DeviceTimeout, WireError) as error:
                     if tries <= 0 and self._clock.now_s() >= end_s:
                         raise
@@ -284,17 +248,13 @@ class Session:
             error: what it raises.
             in_step: False when its answer may still come.
         """
-        with self._lock:
-            pending = self._pending
-            if pending is None or pending.ended.is_set():
-                return False
-            pending.error = error
-            self._out_of_step = self._out_of_step or not in_step
-            pending.ended.set()
-            return True
+        failed = self._slot.fail(error)
+        self._out_of_step = self._out_of_step or (failed and not in_step)
+        self._slot.settle()
+        return failed
 
     def fall_out_of_step(self) -> None:
-        """Say that an answer may still come; the next command resynchronises first."""
+        """Resynchronise before the next command: an answer may still come."""
         self._out_of_step = True
 
     def resync(self) -> None:
@@ -315,14 +275,16 @@ class Session:
         Raises:
             WireError: it never falls silent.
         """
-        end_s = self._clock.now_s() + _DRAIN_LIMIT_S
         self._last_stray_s = self._clock.now_s()
+        end_s = self._last_stray_s + _DRAIN_LIMIT_S
         while (
             left_s := self._last_stray_s + self._quiet_s - self._clock.now_s()
         ) > 0 and self._lost is None:
             if self._clock.now_s() > end_s:
                 raise WireError(
-                    "does not fall silent", device=self._transport.name, hint=_NOISE
+                    "does not fall silent",
+                    device=self._name,
+                    hint="check shield, ground and baud",
                 )
             self._clock.wait(self._ending, left_s)
         self._forget_partial = True
@@ -331,81 +293,46 @@ class Session:
         """Write the traffic down when a device error passes, and name the file."""
         return dumping_faults(self._transport, self._dump_folder)
 
-    def _request(
-        self, data: bytes, accept: Accept, timeout_s: float, *, optional: bool
-    ) -> tuple[bytes, ...]:
+    def _get_ready(self) -> None:
+        """Open, not lost, and in step."""
         self._require()
         if self._out_of_step:
             self._step_in()
-        return self._exchange(data, accept, timeout_s, optional=optional)
 
     def _step_in(self) -> None:
         """Get back into step."""
-        _LOG.info("%s: out of step, waiting for quiet", self._transport.name)
+        _LOG.info("%s: out of step, waiting for quiet", self._name)
         self.drain()
         if self._sync is not None:
-            self._sync(self._ask)
+            self._sync(self._exchange)
         self._out_of_step = False
 
-    def _ask(
-        self, data: bytes, accept: Accept, *, timeout_s: float
-    ) -> tuple[bytes, ...]:
-        return self._exchange(data, accept, timeout_s, optional=False)
-
     def _exchange(
-        self, data: bytes, accept: Accept, timeout_s: float, *, optional: bool
+        self, data: bytes, accept: Accept, *, timeout_s: float, optional: bool = False
     ) -> tuple[bytes, ...]:
         """Send and wait, in step or not."""
-        pending = self._take_slot(accept, timeout_s)
+        pending = self._slot.take(accept, timeout_s)
         answered = False
         try:
             self.send(data)
-            answered = self._await(pending)
+            answered = self._slot.wait(pending)
         finally:
-            with self._lock:
-                self._pending = None
-            pending.released.set()
+            self._slot.release(pending)
             self._out_of_step = self._out_of_step or not (answered or optional)
         if pending.error is not None:
             raise pending.error
         if not answered and not optional:
             raise DeviceTimeout(
                 f"no answer within {timeout_s:g} s",
-                device=self._transport.name,
+                device=self._name,
                 hint="is it switched on, and is this the right port and speed?",
             )
         return tuple(pending.frames)
 
-    def _take_slot(self, accept: Accept, timeout_s: float) -> _Pending:
-        """Become the command that waits, when no other does any more."""
-        end_s = self._clock.now_s() + timeout_s
-        while True:
-            now_s = self._clock.now_s()
-            with self._lock:
-                other = self._pending
-                if other is None:
-                    self._pending = _Pending(accept, timeout_s, now_s + timeout_s)
-                    return self._pending
-            if now_s >= end_s:
-                raise DeviceTimeout(
-                    "busy with another command", device=self._transport.name
-                )
-            self._clock.wait(other.released, end_s - now_s)
-
-    def _await(self, pending: _Pending) -> bool:
-        """Whether the command ended before its deadline."""
-        while (left_s := pending.deadline_s - self._clock.now_s()) > 0:
-            if self._clock.wait(pending.ended, left_s):
-                return True
-        with self._lock:
-            in_time = pending.ended.is_set()
-            pending.ended.set()
-        return in_time
-
     def _require(self) -> None:
         if self._reader is None:
             raise ConnectError(
-                "not connected", device=self._transport.name, hint="call open() first"
+                "not connected", device=self._name, hint="call open() first"
             )
         if self._lost is not None:
             raise self._lost_error()
@@ -413,7 +340,7 @@ class Session:
     def _lost_error(self) -> LinkLost:
         return LinkLost(
             self._lost or "the link is gone",
-            device=self._transport.name,
+            device=self._name,
             hint="check cable and supply, close and open it, and home it again",
         )
 
@@ -428,16 +355,14 @@ class Session:
                     self._lose(error)
                 return
             except Exception as error:
-                self._lose(
-                    WireError(f"cannot read: {error!r}", device=self._transport.name)
-                )
+                self._lose(WireError(f"cannot read: {error!r}", device=self._name))
                 raise
 
     def _received(self, data: bytes) -> None:
         if self._forget_partial:
             self._forget_partial = False
             self._framer.reset()
-            if self._echo is not None and not self._pending:
+            if self._echo is not None and not self._slot.is_taken:
                 self._echo.reset()
         if self._echo is not None:
             data = self._echo.feed(data)
@@ -448,52 +373,28 @@ class Session:
             self._dispatch(frame)
         if self._framer.garbage_bytes != garbage:
             self._last_stray_s = self._clock.now_s()
+        self._slot.settle()
 
     def _dispatch(self, frame: bytes) -> None:
         """Offer a frame to the command that waits, then to the push handler."""
-        with self._lock:
-            pending = self._pending
         try:
-            if pending is not None and not pending.ended.is_set():
-                if self._offer(pending, frame):
-                    return
-            if not self._on_push(frame):
+            if not self._slot.offer(frame) and not self._on_push(frame):
                 self._stray(frame)
         except MvpCellError as error:
-            self.abort(error)
-
-    def _offer(self, pending: _Pending, frame: bytes) -> bool:
-        """Whether the command takes the frame."""
-        take = pending.accept(frame)
-        if take is Take.OTHER:
-            return False
-        if take is Take.ALIVE:
-            pending.deadline_s = self._clock.now_s() + pending.timeout_s
-            return True
-        with self._lock:
-            if not pending.ended.is_set():
-                pending.frames.append(frame)
-                if take is Take.DONE:
-                    pending.ended.set()
-        return True
+            self._slot.fail(error)
 
     def _stray(self, frame: bytes) -> None:
-        _LOG.info("%s: nobody waits for %r", self._transport.name, frame)
+        _LOG.info("%s: nobody waits for %r", self._name, frame)
         self._stray_frames += 1
         self._last_stray_s = self._clock.now_s()
 
     def _lose(self, error: DeviceError) -> None:
         """Note that the link is gone; tell whoever waits, and the driver, once."""
+        said = error.message.removeprefix(f"{self._name}: ")
         with self._lock:
-            first, self._lost = (
-                self._lost is None,
-                error.message.removeprefix(f"{self._transport.name}: "),
-            )
+            first, self._lost = self._lost is None, said
         self.abort(self._lost_error())
         if first:
-            _LOG.warning("%s: %s", self._transport.name, self._lost)
+            _LOG.warning("%s: %s", self._name, self._lost)
             if self._on_lost is not None:
                 self._on_lost(error)
-
-
-_NOISE = "check shield, ground and baud; something sends without being asked"

@@ -62,6 +62,7 @@ def test_a_framer_survives_anything(kind: str, chunks: list[bytes]) -> None:
 
 
 @pytest.mark.full
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("kind", MAKERS)
 @settings(max_examples=100_000, deadline=None)
 @given(chunks=st.lists(noise, max_size=8))

@@ -330,3 +330,13 @@ def test_an_answer_that_may_be_left_out_keeps_the_session_in_step(talk) -> None:
     answer = t.session.request(b"x\n", ok_ends, timeout_s=0.05, optional=True)
     assert answer == ()
     assert not t.session.out_of_step
+
+
+def test_an_answer_that_comes_twice_at_once_does_not_meet_the_next_command(
+    talk,
+) -> None:
+    t = talk(lambda data: (b"$" + data + b"ok\n") * 2)
+    for k in range(300):
+        answer = t.session.request(b"%d\n" % k, ok_ends, timeout_s=5)
+        assert answer == (b"$%d" % k, b"ok")
+    assert t.session.stray_frames == 600
