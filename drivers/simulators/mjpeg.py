@@ -2,9 +2,10 @@
 
 ``GET /video`` is an endless ``multipart/x-mixed-replace`` of JPEG pictures, and
 ``GET /control?exposure_us=8000&gain=1`` sets both and answers with what is in force.
-JPEG costs measurement: at quality 97 a grey value is off by about half a level of 255
-(one standard deviation) where the picture is smooth, and by more beside sharp edges;
-for lossless pictures there is the simulator ``gige``.
+JPEG costs measurement: at quality 97 (95; 100) a grey value changes by 0.85 (0.95; 0.3)
+of 255 levels and the place of an edge in one row by 0.09 (0.10; 0.03) px, one standard
+deviation each, on steps of 140 levels with noise of one level; a line fitted through 256
+rows moves by 0.005 px. For lossless pictures there is the simulator ``gige``.
 """
 
 from __future__ import annotations
