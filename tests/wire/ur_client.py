@@ -37,8 +37,8 @@ def receiving(host: str, faults: ControlClient) -> Said:
         receive = RTDEReceiveInterface(host, hz)
         stamps = sorted(set(_sampled(receive.getTimestamp, 0.6)))
         said[f"{hz:.0f}"] = np.diff(stamps).tolist()
-        said["joints"] = receive.getActualQ()
-        said["pose"] = receive.getActualTCPPose()
+        said["joints"] = _fresh(receive, faults).getActualQ()
+        said["pose"] = _fresh(receive, faults).getActualTCPPose()
         said["modes"] = [
             receive.getRobotMode(),
             receive.getSafetyMode(),
@@ -55,17 +55,16 @@ def blocking_moves(host: str, faults: ControlClient) -> Said:
     receive, control = _both(host)
     said: Said = {"home": control.moveJ(HOME, 3.0, 10.0)}
     said["moved"] = control.moveJ(THERE, 3.0, 10.0)
-    said["joints"] = receive.getActualQ()
-    pose = receive.getActualTCPPose()
+    said["joints"] = _fresh(receive, faults).getActualQ()
+    pose = _fresh(receive, faults).getActualTCPPose()
     said["pose"] = list(pose)
     pose[2] += 0.05
     said["line"] = control.moveL(pose, 1.0, 5.0)
-    said["line_error"] = _off(receive.getActualTCPPose(), pose)
+    said["line_error"] = _off(_fresh(receive, faults).getActualTCPPose(), pose)
     said["ik"] = control.moveJ_IK(said["pose"], 3.0, 10.0)
-    said["ik_error"] = _off(receive.getActualTCPPose(), said["pose"])
+    said["ik_error"] = _off(_fresh(receive, faults).getActualTCPPose(), said["pose"])
     said["fk"] = control.moveL_FK(HOME, 1.0, 5.0)
-    said["fk_joints"] = receive.getActualQ()
-    said["rates"] = receive.getActualQd()
+    said["fk_joints"] = _fresh(receive, faults).getActualQ()
     return said
 
 
@@ -82,17 +81,16 @@ def asynchronous_moves(host: str, faults: ControlClient) -> Said:
     said["query"] = control.isSteady()
     _until(lambda: not control.getAsyncOperationProgressEx().isAsyncOperationRunning())
     said["finished"] = control.getAsyncOperationProgress()
-    said["arrived"] = receive.getActualQ()
+    said["arrived"] = _fresh(receive, faults).getActualQ()
     control.moveJ(HOME, 1.0, 2.0, True)
-    time.sleep(0.15)
-    said["speed"] = max(map(abs, receive.getActualQd()))
+    _until(lambda: max(map(abs, receive.getActualQd())) > 0.3)
     control.stopJ(4.0)
-    said["between"] = receive.getActualQ()
+    said["between"] = _fresh(receive, faults).getActualQ()
     said["replaced"] = [
         control.moveJ(_turned(1.0), 1.0, 2.0, True),
         control.moveJ(HOME, 3.0, 10.0),
     ]
-    said["home"] = receive.getActualQ()
+    said["home"] = _fresh(receive, faults).getActualQ()
     return said
 
 
@@ -113,7 +111,7 @@ def paths(host: str, faults: ControlClient) -> Said:
         if progress < 0 and len(seen) > 2:
             break
     said["seen"] = seen
-    said["joints"] = receive.getActualQ()
+    said["joints"] = _fresh(receive, faults).getActualQ()
     said["again"] = control.moveJ(way)
     said["scripts"] = faults.do("state")["scripts"]
     return said
@@ -126,7 +124,7 @@ def questions(host: str, faults: ControlClient) -> Said:
     said: Said = {"set": control.setTcp([0.0, 0.01, 0.1, 0.0, 0.2, 0.0])}
     said["tcp"] = control.getTCPOffset()
     _until(lambda: abs(receive.getActualTCPPose()[0] + 0.51415) > 0.01)
-    said["pose"] = receive.getActualTCPPose()
+    said["pose"] = _fresh(receive, faults).getActualTCPPose()
     said["forward"] = control.getForwardKinematics()
     said["forward_of"] = control.getForwardKinematics(THERE, said["tcp"])
     said["inverse"] = control.getInverseKinematics(said["pose"], HOME)
@@ -159,15 +157,15 @@ def streaming(host: str, faults: ControlClient) -> Said:
     for _ in range(40):
         control.servoJ(_turned(0.05), 0.5, 0.5, 0.008, 0.1, 300)
         time.sleep(0.01)
-    said: Said = {"servo": receive.getActualQ()[0]}
+    said: Said = {"servo": _fresh(receive, faults).getActualQ()[0]}
     control.servoStop(10.0)
     control.speedJ([0.2, 0.0, 0.0, 0.0, 0.0, 0.0], 5.0, 0.0)
     time.sleep(0.3)
-    said["joint_rate"] = receive.getActualQd()
+    said["joint_rate"] = _fresh(receive, faults).getActualQd()
     control.speedStop(10.0)
     control.speedL([0.0, 0.0, 0.05, 0.0, 0.0, 0.0], 5.0, 0.0)
     time.sleep(0.3)
-    said["tool_rate"] = receive.getActualTCPSpeed()
+    said["tool_rate"] = _fresh(receive, faults).getActualTCPSpeed()
     control.speedStop(10.0)
     said["steady"] = control.isSteady()
     return said
@@ -224,7 +222,7 @@ def _stopped(host: str, faults: ControlClient, program: str) -> Said:
         "raised": _raised(control.getTCPOffset),
     }
     _until(lambda: not any(receive.getActualQd()))
-    stands = receive.getActualQ()
+    stands = _fresh(receive, faults).getActualQ()
     dashboard = DashboardClient(host)
     dashboard.connect()
     faults.do("protective_stop", program=program)
@@ -316,7 +314,7 @@ def custom_script(host: str, faults: ControlClient) -> Said:
     receive, control = _both(host)
     body = f"\tmovej({_turned(0.1)}, a=10.0, v=3.0)\n"
     said: Said = {"ran": control.sendCustomScriptFunction("own", body)}
-    said["joints"] = receive.getActualQ()
+    said["joints"] = _fresh(receive, faults).getActualQ()
     said["after"] = control.moveJ(HOME, 3.0, 10.0)
     return said
 
@@ -488,7 +486,7 @@ def version_smoke(host: str, faults: ControlClient) -> Said:
     receive, control = _both(host)
     said: Said = {
         "moved": control.moveJ(THERE, 3.0, 10.0),
-        "joints": receive.getActualQ(),
+        "joints": _fresh(receive, faults).getActualQ(),
         "tcp": control.getTCPOffset(),
     }
     return said
@@ -502,6 +500,15 @@ def upper_range(host: str, faults: ControlClient) -> Said:
 
 def _both(host: str) -> tuple[RTDEReceiveInterface, RTDEControlInterface]:
     return RTDEReceiveInterface(host, HZ), RTDEControlInterface(host, HZ)
+
+
+def _fresh(
+    receive: RTDEReceiveInterface, faults: ControlClient
+) -> RTDEReceiveInterface:
+    """The receiver, once it has seen what is true now: two links, two delays."""
+    now = float(str(faults.do("state")["time_s"]))
+    _until(lambda: receive.getTimestamp() >= now)
+    return receive
 
 
 def _power_up(host: str, faults: ControlClient, *, release: bool = True) -> list[str]:
