@@ -76,10 +76,10 @@ class GvCamera:
             process.wait()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def gv_camera_program() -> Iterator[None]:
     """The address, held against other workers and simulated cameras."""
-    from drivers.simulators.gige.fake_camera import AddressLock
+    from drivers.simulators.gige.address import AddressLock
 
     if shutil.which(_PROGRAM) is None:
         pytest.skip(f"{_PROGRAM} is missing: apt-get install aravis-tools")

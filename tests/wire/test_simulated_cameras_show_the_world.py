@@ -282,3 +282,14 @@ def _until_it_works(capture: Any) -> Frame:
             continue
         return frame
     raise AssertionError("it never worked again")
+
+
+def test_two_simulated_cameras_live_side_by_side() -> None:
+    with (
+        _gige(None, "telegenicam", serial="ONE", columns=64) as (one, _, first),
+        _gige(None, "telegenicam", serial="TWO", columns=96) as (two, _, second),
+    ):
+        assert first.host != second.host
+        for camera, serial, columns in ((one, "ONE", 64), (two, "TWO", 96)):
+            assert camera.info().serial == serial
+            assert _capture(camera)().pixels.shape[1] == columns

@@ -1,6 +1,6 @@
 """The process of one simulated camera: ``python -m drivers.simulators.gige``.
 
-It prints one line of JSON when it listens, ``{"ready": true, "address": "127.0.0.1",
+It prints one line of JSON when it listens, ``{"ready": true, "address": "127.0.0.9",
 "control_port": 40001, ...}``, and runs until it is told to end, or until its standard
 input closes where it was started with ``--end-with-stdin``.
 """
@@ -17,7 +17,8 @@ import threading
 from typing import TYPE_CHECKING
 
 from drivers.simulators.control import ControlServer
-from drivers.simulators.gige.fake_camera import AddressLock, CameraProblem, FakeCamera
+from drivers.simulators.gige.address import CameraProblem, free_address
+from drivers.simulators.gige.fake_camera import FakeCamera
 from drivers.simulators.gige.painter import Painter
 
 if TYPE_CHECKING:
@@ -32,28 +33,24 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     logging.basicConfig(level=options.log_level, stream=sys.stderr)
     ended = _end_event(watch_stdin=options.end_with_stdin)
-    lock = AddressLock(options.host, options.wait)
     try:
-        lock.take()
         _serve(options, ended)
     except (CameraProblem, OSError) as error:
         _say({"ready": False, "message": str(error)})
         return 1
-    finally:
-        lock.release()
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m drivers.simulators.gige")
     add = parser.add_argument
-    add("--host", default="127.0.0.1", help="IPv4 address of an interface")
+    add("--host", default="auto", help="loopback address, or auto for a free one")
     add("--serial", default="SIM-GIGE-1")
     add("--columns", type=int, default=640, help="px, where no world says it")
     add("--rows", type=int, default=480, help="px, where no world says it")
     add("--gain-db-per-raw", type=float, default=1.0)
     add("--lost-per-thousand", type=float, default=0.0, help="stream packets")
-    add("--wait", type=float, default=60.0, help="s for another one to end")
+    add("--wait", type=float, default=60.0, help="s until 127.0.0.1 is free to start")
     add("--control-port", type=int, default=0, help="of the fault channel")
     add("--world", default="", help="HOST:PORT of the world that the camera sees")
     add("--end-with-stdin", action="store_true")
@@ -66,7 +63,8 @@ def _serve(options: argparse.Namespace, ended: threading.Event) -> None:
     world = _world(options.world)
     size = world.frame_size() if world else (options.columns, options.rows)
     painter = Painter(world, size, options.gain_db_per_raw)
-    camera = FakeCamera(options.host, options.serial, size, painter)
+    host = free_address() if options.host == "auto" else options.host
+    camera = FakeCamera(host, options.serial, size, painter, wait_s=options.wait)
     camera.start()
     camera.lose(options.lost_per_thousand)
     faults = ControlServer(_verbs(camera, painter), port=options.control_port)
@@ -75,7 +73,7 @@ def _serve(options: argparse.Namespace, ended: threading.Event) -> None:
         _say(
             {
                 "ready": True,
-                "address": options.host,
+                "address": host,
                 "serial": options.serial,
                 "control_port": faults.port,
                 "columns": size[0],

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import ctypes
-import fcntl
 import logging
 import socket
-import time
-from pathlib import Path
-from tempfile import gettempdir
+from ipaddress import IPv4Address
 from typing import TYPE_CHECKING, Any
+
+from drivers.simulators.gige.address import (
+    BIRTHPLACE,
+    GVCP_PORT,
+    AddressLock,
+    CameraProblem,
+    move_sockets,
+    open_sockets,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from io import BufferedWriter
 
 _LOG = logging.getLogger(__name__)
 _LIBRARY = "libaravis-0.8.so.0"
 _GOBJECT = "libgobject-2.0.so.0"
-_GVCP_PORT = 3956
-_POLL_S = 0.1
 _TRIGGER_HZ = 200.0
 _SENSOR_MAX = 8192
+_CURRENT_IP = 0x24
 # Registers of Aravis' simulated camera, from its GenICam description.
 _WIDTH, _HEIGHT = 0x100, 0x104
 _SENSOR_HEIGHT, _SENSOR_WIDTH = 0x118, 0x11C
@@ -35,10 +39,6 @@ _Fill = ctypes.CFUNCTYPE(
     ctypes.c_uint32,
     ctypes.c_uint32,
 )
-
-
-class CameraProblem(Exception):
-    """The simulated camera cannot run; the text says why."""
 
 
 class Region:
@@ -82,62 +82,14 @@ def load_library() -> tuple[Any, Any]:
     return arv, gobject
 
 
-class AddressLock:
-    """One simulated camera per address: two would both answer, without an error.
-
-    Args:
-        host: IPv4 address of an interface.
-        wait_s: how long another one may take to end.
-    """
-
-    def __init__(self, host: str, wait_s: float) -> None:
-        self._host = host
-        self._until_s = time.monotonic() + wait_s
-        self._path = Path(gettempdir()) / f"mvp-cell-gige-{host}.lock"
-        self._file: BufferedWriter | None = None
-
-    def take(self) -> None:
-        """Wait for the address.
-
-        Raises:
-            CameraProblem: it is still in use.
-        """
-        self._file = self._path.open("ab")
-        while not (self._locked() and self._free()):
-            if time.monotonic() > self._until_s:
-                self.release()
-                raise CameraProblem(f"another camera answers on {self._host}")
-            time.sleep(_POLL_S)
-
-    def release(self) -> None:
-        """Let others have it; safe to repeat."""
-        if self._file is not None:
-            self._file.close()
-        self._file = None
-
-    def _locked(self) -> bool:
-        if self._file is None:
-            return False
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        return True
-
-    def _free(self) -> bool:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind((self._host, _GVCP_PORT))
-            except OSError:
-                return False
-        return True
-
-
 class FakeCamera:
     """One camera on one address; it can die and come back.
 
+    Aravis' camera is born on 127.0.0.1, since it only takes addresses that an interface
+    has. On any other loopback address its sockets are exchanged for ours.
+
     Args:
-        host: IPv4 address of an interface.
+        host: loopback address.
         size: columns and rows of the sensor.
         paint: fills pictures; called in the camera's own thread, which answers no
             control packet meanwhile.
@@ -149,6 +101,8 @@ class FakeCamera:
         serial: str,
         size: tuple[int, int],
         paint: Callable[[int, int, int, Region], bytes],
+        *,
+        wait_s: float,
     ) -> None:
         self.host, self.serial = host, serial
         self._size = size
@@ -159,6 +113,7 @@ class FakeCamera:
         self._inner: int | None = None
         self._mute: socket.socket | None = None
         self._lost_per_thousand = 0.0
+        self._lock = AddressLock(BIRTHPLACE, wait_s)
 
     @property
     def running(self) -> bool:
@@ -174,18 +129,13 @@ class FakeCamera:
         self.kill()
         if max(self._size) > _SENSOR_MAX:
             raise CameraProblem(f"a sensor of {self._size} px is too large")
-        arv = self._arv
-        camera = arv.arv_gv_fake_camera_new_full(
-            self.host.encode(), self.serial.encode(), None
-        )
-        if not arv.arv_gv_fake_camera_is_running(camera):
-            self._gobject.g_object_unref(camera)
-            raise CameraProblem(
-                f"the camera does not start on {self.host}: no interface of this "
-                "machine has that address (127.0.0.1 always works)"
-            )
-        self._camera = camera
-        self._inner = inner = arv.arv_gv_fake_camera_get_fake_camera(camera)
+        self._lock.take()
+        try:
+            self._be_born()
+        finally:
+            if self.host != BIRTHPLACE or self._camera is None:
+                self._lock.release()
+        arv, inner = self._arv, self._inner
         width, height = self._size
         for register, value in (
             (_SENSOR_WIDTH, width),
@@ -198,6 +148,29 @@ class FakeCamera:
         arv.arv_fake_camera_set_fill_pattern(inner, self._fill, None)
         self.lose(self._lost_per_thousand)
 
+    def _be_born(self) -> None:
+        """Make the library's camera, and take it to its address."""
+        arv, before = self._arv, open_sockets()
+        camera = arv.arv_gv_fake_camera_new_full(
+            BIRTHPLACE.encode(), self.serial.encode(), None
+        )
+        if not arv.arv_gv_fake_camera_is_running(camera):
+            self._gobject.g_object_unref(camera)
+            raise CameraProblem(f"Aravis' camera does not start on {BIRTHPLACE}")
+        self._camera = camera
+        self._inner = inner = arv.arv_gv_fake_camera_get_fake_camera(camera)
+        if self.host != BIRTHPLACE:
+            try:
+                move_sockets(open_sockets() - before, self.host)
+            except OSError as error:
+                self.kill()
+                raise CameraProblem(
+                    f"another camera answers on {self.host}: {error}"
+                ) from error
+            arv.arv_fake_camera_write_register(
+                inner, _CURRENT_IP, int(IPv4Address(self.host))
+            )
+
     def kill(self) -> None:
         """Vanish: nobody listens on the port any more. Safe to repeat."""
         if self._mute is not None:
@@ -206,12 +179,13 @@ class FakeCamera:
         camera, self._camera, self._inner = self._camera, None, None
         if camera is not None:
             self._gobject.g_object_unref(camera)
+        self._lock.release()
 
     def silence(self) -> None:
         """Listen and never answer, as after a crash of the camera's firmware."""
         self.kill()
         self._mute = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._mute.bind((self.host, _GVCP_PORT))
+        self._mute.bind((self.host, GVCP_PORT))
 
     def lose(self, per_thousand: float) -> None:
         """Drop stream packets at random from now on.

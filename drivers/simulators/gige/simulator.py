@@ -30,11 +30,12 @@ _PATIENCE_S = 10.0
 class GigeSimulatorConfig(FileModel):
     """Keys of ``[simulators.camera]`` with ``kind = "gige"``.
 
+    ``host`` is a loopback address, or "auto" for a free one.
     ``world`` is HOST:PORT of the world that the camera sees; empty: the cell's own, or
     a moving ramp where there is none.
     """
 
-    host: str = "127.0.0.1"
+    host: str = Field(default="auto", pattern=r"^(auto|127\.\d+\.\d+\.\d+)$")
     serial: str = Field(default="SIM-GIGE-1", min_length=1, max_length=15)
     columns: int = Field(default=640, ge=1, le=8192)
     rows: int = Field(default=480, ge=1, le=8192)
@@ -80,6 +81,11 @@ class GigeSimulator:
         return int(str(self._ready.get("control_port", 0)))
 
     @property
+    def host(self) -> str:
+        """The address it answers on; empty while it does not run."""
+        return str(self._ready.get("address", ""))
+
+    @property
     def pid(self) -> int:
         """Of its process; 0 while it does not run."""
         return self._process.pid if self._process else 0
@@ -96,9 +102,9 @@ class GigeSimulator:
                 self._command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE
             )
             self._ready = self._first_line(self._process)
-            _LOG.debug("%s: answers on %s", self.name, config.host)
+            _LOG.debug("%s: answers on %s", self.name, self.host)
         return {
-            "address": config.host,
+            "address": self.host,
             "serial": config.serial,
             "packet_size": config.packet_size,
             "gain_db_per_raw": config.gain_db_per_raw,
