@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from mvp.geometry import FloatArray
 
 _LOG = logging.getLogger(__name__)
+_MARK_SPEED = 0.3  # share of full speed on the way to the marks
 
 
 class GantryArm:
@@ -91,7 +92,7 @@ class GantryArm:
         """Identity and versions."""
         self._link.require_open()
         identity = self._identity
-        declared = [a.letter for a in self._config.axes if a.home == "declared"]
+        declared = [a.letter for a in self._config.axes if a.declared]
         return DeviceInfo(
             self.name,
             "gantry",
@@ -152,7 +153,8 @@ class GantryArm:
         with self._wire.dumping(), self._link.busy(self._stopping.clear):
             self._lose_home("homing")
             with self._stopped_cleanly():
-                self._wire.home(timeout_s=timeout_s)
+                self._wire.home(timeout_s=min(timeout_s, self._config.homing_s))
+                self._show_declared(timeout_s)
             self._check_declared(self._wire.report())
             with self._lock:
                 self._homed = True
@@ -315,11 +317,26 @@ class GantryArm:
             )
         return self._state_of(report)
 
+    def _show_declared(self, timeout_s: float) -> None:
+        """Drive what no switch measures to its marks: a person sees if it is there."""
+        here = self._wire.report().machine
+        marks = {a.letter: a.declared_at for a in self._config.axes if a.declared}
+        if all(here[letter] == mark for letter, mark in marks.items()):
+            return
+        start = np.array(self._axes.joints(here))
+        end = np.array(self._axes.joints({**here, **marks}))
+        self._wire.move(
+            self._axes.words(end, "".join(marks)),
+            feed_min=self._axes.feed_min(start, end, _MARK_SPEED),
+            timeout_s=timeout_s,
+        )
+        _LOG.warning("%s: are the axes %s at their marks?", self.name, ", ".join(marks))
+
     def _check_declared(self, report: Report) -> None:
         """An axis that nothing measures must be where the configuration says."""
         for axis in self._config.axes:
             at = report.machine[axis.letter]
-            if axis.home == "declared" and abs(at - axis.declared_at) > axis.tolerance:
+            if axis.declared and abs(at - axis.declared_at) > axis.tolerance:
                 raise DeviceFault(
                     f"axis {axis.letter} reads {at:g}, declared {axis.declared_at:g}",
                     device=self.name,

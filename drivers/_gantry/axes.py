@@ -78,12 +78,13 @@ class GantryAxes:
             )
         return target
 
-    def words(self, target: FloatArray) -> str:
-        """Every axis of a target as G-code words, fixed point."""
+    def words(self, target: FloatArray, letters: str = "") -> str:
+        """Axes of a target as G-code words, fixed point; all of them by default."""
         coordinates = self.machine(target)
         return " ".join(
             f"{letter}{_plain(value)}"
             for letter, value in zip(self.letters, coordinates, strict=True)
+            if letter in (letters or self.letters)
         )
 
     def off(self, machine: Mapping[str, float], target: FloatArray) -> str:

@@ -25,9 +25,9 @@ class GantryAxis(FileModel):
         high: highest machine coordinate that the driver sends.
         speed: fastest, per second; a ceiling.
         acceleration: per second squared, for deadlines.
-        home: ``switch``: the firmware finds it; ``declared``: a person has put it to
-            ``declared_at``, and nothing measures that.
-        declared_at: machine coordinate that a declared axis stands at when homed.
+        home: ``switch``: the firmware finds it; ``declared``: a person had put it to
+            its mark when the controller was switched on, and nothing measures that.
+        declared_at: machine coordinate of the mark; homing ends there.
         tolerance: how far from its target it may stand.
     """
 
@@ -46,7 +46,14 @@ class GantryAxis(FileModel):
     def _ordered(self) -> GantryAxis:
         if self.low >= self.high:
             raise ValueError(f"{self.letter}: low {self.low} is not below {self.high}")
+        if self.declared and not self.low <= self.declared_at <= self.high:
+            raise ValueError(f"{self.letter}: declared_at is outside of low and high")
         return self
+
+    @property
+    def declared(self) -> bool:
+        """Whether nothing but a person's word says where it is."""
+        return self.home == "declared"
 
 
 class GantryConfig(TransportConfig):

@@ -24,8 +24,12 @@ def cleaned(line: bytes) -> str:
     return re.sub(r"\s", "", _COMMENT.sub("", text)).upper()
 
 
-def words(text: str) -> list[tuple[str, float]]:
+def words(text: str, *, bare: bool = False) -> list[tuple[str, float]]:
     """Letter and value of each word.
+
+    Args:
+        text: as ``cleaned`` gives it.
+        bare: a letter without a number counts as 0, as Marlin has it.
 
     Raises:
         WordError: something that is no letter, or a letter without a number.
@@ -36,8 +40,8 @@ def words(text: str) -> list[tuple[str, float]]:
         if not letter.isalpha():
             raise WordError(LETTER_EXPECTED)
         number = _NUMBER.match(text, place + 1)
-        if number is None:
+        if number is None and not bare:
             raise WordError(BAD_NUMBER)
-        found.append((letter, float(number.group())))
-        place = number.end()
+        found.append((letter, float(number.group()) if number else 0.0))
+        place = number.end() if number else place + 1
     return found

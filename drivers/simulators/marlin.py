@@ -256,7 +256,7 @@ class MarlinMachine:
     def _do(self, text: str) -> None:
         """One command; unknown ones are answered by ok all the same."""
         try:
-            found = words(text)
+            found = words(text, bare=True)
         except WordError:
             found = []
         head = f"{found[0][0]}{found[0][1]:g}" if found else ""
