@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field
 
 from mvp.cell.hardware import check_serials, close_all, info_of, try_open
+from mvp.cell.homing import is_homed
 from mvp.cell.plan_job import prepare
 from mvp.cell.session import devices_for
 from mvp.errors import MvpCellError
@@ -111,6 +112,8 @@ def _attempt(name: str, check: Callable[[], str]) -> CheckItem:
 
 def _arm_state(devices: CellDevices) -> str:
     state = devices.arm.state()
+    if not is_homed(devices.arm):
+        return "not homed yet (the run will do it)"
     devices.arm.check_joints(state.joints)
     joints = ", ".join(f"{j:.3f}" for j in state.joints)
     return f"{'stands' if state.standing else 'moves'} at {joints}"

@@ -1,4 +1,4 @@
-"""Home the lens and bring the arm home along a checked path."""
+"""Home arm and lens, and bring the arm home along a checked path."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from mvp.cell.hardware import opened
+from mvp.cell.homing import home_arm, is_homed
 from mvp.cell.lock import cell_lock
 from mvp.cell.plan_job import Setting, prepare
 from mvp.cell.run_job import lock_of
@@ -44,6 +45,9 @@ def home_cell(
 ) -> HomeDocument:
     """Move both home; on Ctrl-C both are stopped.
 
+    An arm that knows where it is moves only when there is a clear path; another one
+    drives to its references first.
+
     Raises:
         DeviceError: a device failed.
         InfeasibleError: no clear path home.
@@ -56,10 +60,13 @@ def home_cell(
             stack.enter_context(cell_lock(lock, run_id="home"))
         devices = stack.enter_context(devices_for(setting))
         infos = stack.enter_context(opened(devices))
-        path = _path_home(setting, devices)
-        if not allow(Motion(cell.config.name, 1, infos)):
+        homes = not is_homed(devices.arm)
+        path = None if homes else _path_home(setting, devices)
+        if not allow(Motion(cell.config.name, 1, infos, homes=homes)):
             raise StoppedByOperator("the operator did not allow the arm to move")
         try:
+            home_arm(devices)
+            path = _path_home(setting, devices) if path is None else path
             lens = devices.lens.home(timeout_s=_LENS_TIMEOUT_S)
             arm = _move(devices, path)
         except BaseException:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from mvp.cell.beside import run_beside
 from mvp.cell.engine import CellEngine
 from mvp.cell.hardware import build_devices, check_serials, opened
+from mvp.cell.homing import home_arm, is_homed
 from mvp.cell.interrupts import uninterrupted
 from mvp.cell.logs import log_devices, log_to
 from mvp.cell.preflight import Routes, check_limits
@@ -39,11 +40,16 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Motion:
-    """What a person is asked to allow."""
+    """What a person is asked to allow.
+
+    Attributes:
+        homes: the arm drives to its references first, wherever it stands.
+    """
 
     cell: str
     views: int
     infos: dict[str, DeviceInfo]
+    homes: bool = False
 
     @property
     def simulated(self) -> bool:
@@ -114,10 +120,16 @@ def check_before(
     views: Sequence[PlannedView],
     routes: Routes,
 ) -> None:
-    """Everything that can be found out without moving."""
+    """Everything that can be found out without moving.
+
+    The way to the first view is left out while nobody knows where the arm is.
+    """
     check_serials(setting.cell, infos)
     check_limits(devices, views, setting.task.config.exposure.exposure_s)
-    routes.check_all(devices.arm.state().joints, views)
+    if is_homed(devices.arm):
+        routes.check_all(devices.arm.state().joints, views)
+    elif views:
+        routes.check_all(views[0].joints_rad, views)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,13 +150,23 @@ class Session:
         views: Sequence[PlannedView],
         watcher: Watcher,
     ) -> Session:
-        """Open the devices, check everything, ask the person."""
+        """Open the devices, check everything, ask the person, home the arm if need be.
+
+        Raises:
+            MvpCellError: something does not hold; nothing has moved but, when the way
+                from its references is not clear, the arm to those.
+        """
         devices = stack.enter_context(devices_for(setting))
         infos = stack.enter_context(opened(devices))
         routes = Routes(setting.arm)
         check_before(setting, devices, infos, views, routes)
-        if not watcher.allow(Motion(setting.cell.config.name, len(views), infos)):
+        homes = not is_homed(devices.arm)
+        motion = Motion(setting.cell.config.name, len(views), infos, homes=homes)
+        if not watcher.allow(motion):
             raise StoppedByOperator("the operator did not allow the arm to move")
+        if homes:
+            home_arm(devices)
+            routes.check_all(devices.arm.state().joints, views)
         return cls(setting, devices, infos, routes, watcher)
 
     def drive(

@@ -27,8 +27,9 @@ def allow_motion(motion: Motion, *, yes: bool) -> bool:
             where=motion.cell,
         )
     models = ", ".join(info.model for info in motion.infos.values())
+    first = "drive its axes to their references, then " if motion.homes else ""
     console().print(
-        f"{motion.cell} ({models}) will move to {motion.views} place(s). "
+        f"{motion.cell} ({models}) will {first}move to {motion.views} place(s). "
         "Keep clear and keep a hand on the emergency stop.",
         style="bold yellow",
         markup=False,

@@ -167,6 +167,27 @@ class Arm(Device, Protocol):
 
 
 @runtime_checkable
+class Homable(Protocol):
+    """A device that knows where it is only after it has found its references.
+
+    An ``Arm`` that is one refuses every motion until it is homed.
+    """
+
+    @property
+    def homed(self) -> bool:
+        """Whether it is known where it is; lost whenever that may not be so."""
+        ...
+
+    def home(self, *, timeout_s: float) -> object:
+        """Find every reference; returns where it stands. Moves.
+
+        Raises:
+            DeviceTimeout, DeviceFault, MotionStopped: as for a move; not homed then.
+        """
+        ...
+
+
+@runtime_checkable
 class Lens(Device, Protocol):
     """A motorised lens. Speaks motor steps only; f, d, a exist above the lens table."""
 
