@@ -137,6 +137,23 @@ def test_the_dashboard_answers_anything_with_one_line(words: list[str]) -> None:
     assert "\n" not in said
 
 
+def test_muted_types_are_not_sent_and_the_rest_is() -> None:
+    robot = Robot(RobotSettings())
+    session, wire = _session(robot)
+    session.line.disturbance.muted = frozenset(b"OU")
+    session.data_received(struct.pack(">HBH", 5, ord("V"), 2))
+    session.data_received(struct.pack(">HBd", 20, ord("O"), 500.0) + b"timestamp")
+    session.data_received(struct.pack(">HB", 3, ord("S")))
+    for _ in range(5):
+        robot.tick()
+        session.each_cycle()
+    assert wire.sent == b"\x00\x04V\x01" + b"\x00\x04S\x01"
+    session.line.disturbance.muted = frozenset()
+    robot.tick()
+    session.each_cycle()
+    assert wire.sent[8:12] == b"\x00\x0cU\x01"
+
+
 def test_every_verb_refuses_what_it_does_not_understand() -> None:
     controller = Controller(Robot(RobotSettings()), "127.0.0.1")
     table = verbs(controller)

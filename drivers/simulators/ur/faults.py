@@ -38,7 +38,7 @@ def verbs(controller: Controller) -> dict[str, Verb]:
     identity                  ``serial``, ``model``
     drop                      ``how``: fin or rst; ``what``: all, rtde, or ports
     silence                   ``on``: nothing is sent any more, connections stay
-    mute                      ``types``: RTDE types without an answer, as "VOIS";
+    mute                      ``types``: RTDE types that are not sent, as "VOISU";
                               ``dashboard``: no answers there
     slow                      ``delay_s``: everything is sent so much later
     freeze                    ``on``: the timestamp stands still

@@ -38,7 +38,7 @@ class Disturbance:
 
     Attributes:
         silent: nothing is sent any more, on any port.
-        muted: RTDE package types that get no answer.
+        muted: RTDE package types that are not sent: answers, or the data itself.
         dashboard_muted: the dashboard does not answer.
         delay_s: everything is sent so much later.
     """
@@ -230,7 +230,8 @@ class RtdeSession(Session):
 
     def each_cycle(self) -> None:
         """Send what is due in this cycle."""
-        if not self._setup.started or self.line.clogged:
+        quiet = wire.DATA in self.line.disturbance.muted
+        if not self._setup.started or quiet or self.line.clogged:
             return
         for output in self._setup.outputs:
             if self.robot.cycle % output.every == 0:
