@@ -20,10 +20,12 @@ from mvp.cell.documents import (
 )
 from mvp.cell.features_document import FeaturesDocument
 from mvp.cell.home_job import HomeDocument
+from mvp.cell.jog_job import JogDocument
 from mvp.cell.plugged_in import DevicesDocument
 from mvp.cell.records import record_schema
 from mvp.cell.recover_job import RecoverDocument
 from mvp.cell.run_document import RunDocument
+from mvp.cell.simulation import Simulation
 from mvp.cell.task_config import TaskConfig
 from mvp.planning.plan import Plan
 
@@ -43,6 +45,8 @@ MODELS: dict[str, type[BaseModel]] = {
     "check": CheckDocument,
     "home": HomeDocument,
     "recover": RecoverDocument,
+    "jog": JogDocument,
+    "simulation": Simulation,
     "drivers": DriversDocument,
     "devices": DevicesDocument,
     "runs": RunsDocument,

@@ -27,6 +27,7 @@ _COMMANDS = (
     "check",
     "home",
     "recover",
+    "jog",
     "simulate",
     "drivers",
     "devices",

@@ -1,0 +1,155 @@
+"""``mvp-cell jog CELL``: move arm and lens by hand, look at the picture."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mvp.cli.options import (
+    AcceptOption,
+    CellArgument,
+    JsonOption,
+    TaskOption,
+    YesOption,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from mvp.cell.jog_job import Jogger
+    from mvp.devices import Frame
+
+
+def jog(
+    cell: CellArgument,
+    task: TaskOption = None,
+    do: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--do", metavar="COMMAND", help="carry this out instead of asking"
+        ),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option("--speed", min=0.01, max=1.0, help="share of full speed")
+    ] = 0.25,
+    accept_calibration: AcceptOption = "",
+    yes: YesOption = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Move arm and lens by hand, inside the limits of a run, and look at the picture.
+
+    Arm in base, tool or camera axes, lens in steps or mm; `help` lists the words.
+    """
+    from mvp.cell.hardware import check_driver_configs, opened
+    from mvp.cell.jog_job import Jogger
+    from mvp.cell.loading import load_cell, load_task
+    from mvp.cell.lock import cell_lock
+    from mvp.cell.plan_job import prepare
+    from mvp.cell.run_job import lock_of
+    from mvp.cell.session import Motion, devices_for
+    from mvp.cli.ask import allow_motion, terminal
+    from mvp.cli.output import print_model
+    from mvp.errors import StoppedByOperator, UsageError
+
+    loaded = load_cell(cell, accept_calibration=accept_calibration)
+    check_driver_configs(loaded)
+    setting = prepare(loaded, load_task(loaded, task))
+    if not do and not terminal():
+        raise UsageError(
+            "jog asks for commands, and there is no terminal to ask on",
+            hint='give them: --do "frame camera" --do "z 5"',
+        )
+    with ExitStack() as stack:
+        if not loaded.config.simulated:
+            stack.enter_context(
+                cell_lock(lock_of(setting, loaded.folder), run_id="jog")
+            )
+        devices = stack.enter_context(devices_for(setting))
+        infos = stack.enter_context(opened(devices))
+        if not allow_motion(Motion(loaded.config.name, 1, infos), yes=yes):
+            raise StoppedByOperator("the operator did not allow the arm to move")
+        jogger = Jogger(setting, devices, _save, _show, speed)
+        try:
+            _follow(jogger, do)
+        except BaseException:
+            devices.stop()
+            raise
+        if as_json:
+            print_model(jogger.document())
+    return 0
+
+
+def _follow(jogger: Jogger, given: list[str] | None) -> None:
+    """One command after the other; at the prompt a refusal ends only its command."""
+    from mvp.cell.jog_words import Plain, parse
+    from mvp.cli.output import console
+    from mvp.errors import InfeasibleError, LimitError, UsageError
+
+    say = console()
+    for line in given if given else _asked():
+        try:
+            command = parse(line)
+            if command == Plain("quit"):
+                return
+            say.print(jogger.do(command), markup=False, highlight=False)
+        except (UsageError, LimitError, InfeasibleError) as error:
+            if given:
+                raise
+            say.print(f"{error.message}. {error.hint}", style="yellow", markup=False)
+
+
+def _asked() -> Iterator[str]:
+    """Lines typed at the prompt, until the end of input."""
+    sys.stderr.write("help lists the words, quit ends\n")
+    while True:
+        sys.stderr.write("jog> ")
+        sys.stderr.flush()
+        line = sys.stdin.readline()
+        if not line:
+            return
+        if line.strip():
+            yield line
+
+
+def _save(path: Path, frame: Frame) -> None:
+    """The picture as it is, lossless."""
+    import cv2
+
+    from mvp.errors import OutputError
+
+    done, data = cv2.imencode(".png", frame.pixels)
+    try:
+        path.write_bytes(data.tobytes() if done else b"")
+    except OSError as error:
+        raise OutputError(
+            f"{path}: {error.strerror or error}",
+            hint="name a file in a folder that can be written",
+            where=str(path),
+        ) from error
+
+
+def _show(frame: Frame) -> None:
+    """The picture as grey blocks, two rows of pixels in a line of text."""
+    import cv2
+    import numpy as np
+    from rich.text import Text
+
+    from mvp.cli.output import console
+
+    say = console()
+    width = max(min(say.width - 1, 160), 20)
+    rows, columns = frame.pixels.shape
+    height = max(round(width * rows / columns / 2), 2) * 2
+    small = cv2.resize(frame.pixels, (width, height), interpolation=cv2.INTER_AREA)
+    grey = (small.astype(np.float64) * 255 / frame.full_scale).round().astype(int)
+    for above, below in zip(grey[0::2], grey[1::2], strict=True):
+        line = Text(no_wrap=True, end="\n")
+        for top, bottom in zip(above, below, strict=True):
+            line.append(
+                "\u2580", f"rgb({top},{top},{top}) on rgb({bottom},{bottom},{bottom})"
+            )
+        say.print(line, end="")
