@@ -19,7 +19,7 @@ from mvp.kinematics.clearance import (
 from mvp.kinematics.clearance_index import ClearanceIndex, clearance_index
 from mvp.kinematics.gantry import Gantry
 from mvp.kinematics.model import ArmModel, inverse, jacobian, singularity_margin
-from mvp.kinematics.models import ARM_MODELS, arm_model
+from mvp.kinematics.models import ARM_MODELS, arm_model, arm_model_names
 from mvp.kinematics.path import (
     JointPath,
     NoPath,
@@ -57,6 +57,7 @@ __all__ = [
     "UrArm",
     "UrCalibration",
     "arm_model",
+    "arm_model_names",
     "base_from_part",
     "base_from_tool",
     "blocked_sight",
