@@ -55,7 +55,7 @@ def gantry_verbs(machine: GantryMachine, clock: Clock) -> dict[str, Verb]:
         return letters.index(str(asked["axis"]))
 
     return {
-        "state": lambda asked: machine.state(),
+        "state": lambda asked: {**machine.state(), "moves_begun": machine.axes.begun},
         "push": lambda asked: machine.axes.turn_by_hand(
             axis(asked), float(str(asked["amount"]))
         ),

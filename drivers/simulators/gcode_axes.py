@@ -71,6 +71,7 @@ class Axes:
         counter: (n,) what the controller believes, mm or deg.
         offset: (n,) truth minus counter.
         press: axes whose switch is held down by hand.
+        begun: motions that were ever queued.
     """
 
     settings: tuple[AxisSettings, ...]
@@ -79,6 +80,7 @@ class Axes:
     offset: FloatArray = field(init=False)
     press: set[int] = field(default_factory=set)
     override: float = 1.0
+    begun: int = 0
     _queue: deque[Block] = field(default_factory=deque)
     _move: StraightMove | None = None
     _block: Block | None = None
@@ -159,6 +161,7 @@ class Axes:
     def queue(self, block: Block) -> None:
         """Add a move behind the others."""
         self._queue.append(block)
+        self.begun += 1
 
     def hold(self, now_s: float) -> None:
         """Brake; what is left of the move stays in the queue."""

@@ -59,8 +59,11 @@ def lens_verbs(machine: LensMachine, clock: Clock) -> dict[str, Verb]:
     def turn(asked: Mapping[str, object]) -> None:
         motor(asked).turn_by_hand(float(str(asked["steps"])))
 
+    def begun() -> int:
+        return sum(motor.begun for motor in machine.axes.values())
+
     return {
-        "state": lambda asked: machine.state(),
+        "state": lambda asked: {**machine.state(), "moves_begun": begun()},
         "stall": lambda asked: hold(asked, fast=True),
         "release": lambda asked: hold(asked, fast=False),
         "turn": turn,

@@ -46,6 +46,7 @@ class Motor:
         stalled: the shaft does not turn.
         place: where it truly stands, steps.
         pulses: given since the last ``go``, signed.
+        begun: motions that were ever asked for.
     """
 
     travel: Travel
@@ -53,6 +54,7 @@ class Motor:
     stalled: bool = False
     place: float = field(init=False)
     pulses: float = 0.0
+    begun: int = 0
     _left: float = 0.0
     _rate: float = 0.0
     _last_s: float | None = None
@@ -84,6 +86,7 @@ class Motor:
             until_barrier: whether the barrier ends the motion.
         """
         self.pulses, self._left = 0.0, pulses
+        self.begun += 1
         self._rate = rate * self.scale
         self._last_s = now_s
         self._until_barrier = until_barrier
