@@ -47,7 +47,9 @@ def test_an_interrupted_motion_does_not_go_on_after_the_way_back(ur_bench):
     bench = ur_bench()
     error = stopped_on_its_way(bench, "protective_stop", program="pause")
     assert "recover" in error.hint
-    stands = bench.do("state")["joints"]
+    while not (truth := bench.do("state"))["standing"]:
+        time.sleep(0.01)
+    stands = truth["joints"]
     since = bench.now_s()
     arm = bench.arm()
     steps = walk(arm)
@@ -55,6 +57,7 @@ def test_an_interrupted_motion_does_not_go_on_after_the_way_back(ur_bench):
     assert "Connect" in steps[-1]
     time.sleep(0.3)
     assert bench.do("state")["joints"] == pytest.approx(stands, abs=1e-9)
+    assert 0 < stands[0] < FAR[0], "it stands on its way"
     assert not bench.moves_since(since)
     assert arm.move_joints(HOME, timeout_s=30).standing
     arm.close()
