@@ -9,13 +9,14 @@ from pydantic import Field
 
 from drivers._genicam import (
     BACKENDS,
+    BackendName,
     Session,
     SessionSettings,
     StreamSettings,
     backend_for,
     installed_backends,
 )
-from drivers._genicam.kernel import rmem_max
+from drivers._genicam.kernel import buffer_warning, rmem_max
 from drivers._genicam.pixels import frames_between, grey_picture
 from mvp.devices import DeviceContext, DeviceInfo, Frame, Role
 from mvp.devices.cameras import CameraFound
@@ -29,7 +30,9 @@ from mvp.errors import (
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
-    from drivers._genicam import Delivery, Value
+    from collections.abc import Callable
+
+    from drivers._genicam import Backend, Delivery, Value
 
 _LOG = logging.getLogger(__name__)
 _KEY = "genicam"
@@ -47,7 +50,7 @@ class GenicamCameraConfig(FileModel):
         min_length=1, description="IP address, serial number or user-defined name"
     )
     serial: str = Field(default="", description="refuse any other camera")
-    backend: Literal["auto", "aravis", "telegenicam"] = "auto"
+    backend: BackendName = "auto"
     pixel_format: Literal["Mono8", "Mono10", "Mono12", "Mono14", "Mono16"] = "Mono8"
     width_px: int | None = Field(default=None, ge=1)
     height_px: int | None = Field(default=None, ge=1)
@@ -79,9 +82,15 @@ class GenicamCamera:
     Config = GenicamCameraConfig
 
     def __init__(
-        self, config: GenicamCameraConfig, context: DeviceContext, name: str
+        self,
+        config: GenicamCameraConfig,
+        context: DeviceContext,
+        name: str,
+        *,
+        new_backend: Callable[[BackendName], Backend] = backend_for,
     ) -> None:
         self.name = name
+        self._new_backend = new_backend
         self._config = config
         self._clock = context.clock
         self._link = Link(
@@ -210,8 +219,10 @@ class GenicamCamera:
         session.connect()
         self._session = session
         self._pending, self._last_id = False, None
-        self._transfer_s = session.payload_bytes() / _BYTES_PER_S
-        self._warn_about_buffer(session.payload_bytes())
+        payload_bytes = session.payload_bytes()
+        self._transfer_s = payload_bytes / _BYTES_PER_S
+        if warning := buffer_warning(payload_bytes, _BUFFER_BYTES):
+            _LOG.warning("%s: %s", self.name, warning)
 
     def _disconnect(self) -> None:
         if self._session is not None:
@@ -250,19 +261,7 @@ class GenicamCamera:
             config.gain_db_per_raw,
             config.gain_floor,
         )
-        return Session(backend_for(config.backend), settings, self.name)
-
-    def _warn_about_buffer(self, payload_bytes: int) -> None:
-        limit = rmem_max()
-        if limit is not None and limit < 2 * payload_bytes:
-            _LOG.warning(
-                "%s: net.core.rmem_max is %d bytes, less than two frames of %d: frames "
-                "may be lost; `sysctl -w net.core.rmem_max=%d` raises it",
-                self.name,
-                limit,
-                payload_bytes,
-                _BUFFER_BYTES,
-            )
+        return Session(self._new_backend(config.backend), settings, self.name)
 
     def _capture(self, session: Session, not_before_s: float, deadline: float) -> Frame:
         if not self._link.wait_until(min(not_before_s, deadline)):

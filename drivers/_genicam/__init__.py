@@ -11,13 +11,19 @@ from drivers._genicam.backend import (
     StreamSettings,
     Value,
 )
-from drivers._genicam.choose import BACKENDS, backend_for, installed_backends
+from drivers._genicam.choose import (
+    BACKENDS,
+    BackendName,
+    backend_for,
+    installed_backends,
+)
 from drivers._genicam.session import Session, SessionSettings
 
 __all__ = [
     "BACKENDS",
     "Backend",
     "BackendLost",
+    "BackendName",
     "BackendRefused",
     "Delivery",
     "FoundBy",

@@ -13,3 +13,14 @@ def rmem_max() -> int | None:
         return int(_RMEM_MAX.read_text())
     except (OSError, ValueError):
         return None
+
+
+def buffer_warning(payload_bytes: int, wanted_bytes: int) -> str:
+    """What to tell a person whose kernel keeps less than two pictures; else empty."""
+    limit = rmem_max()
+    if limit is None or limit >= 2 * payload_bytes:
+        return ""
+    return (
+        f"net.core.rmem_max is {limit} bytes, less than two frames of {payload_bytes}: "
+        f"frames may be lost; `sysctl -w net.core.rmem_max={wanted_bytes}` raises it"
+    )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -23,8 +25,13 @@ from drivers._genicam import (
     Value,
 )
 from drivers._genicam.pixels import frames_between, grey_picture
+from drivers.camera_genicam import GenicamCamera
+from mvp.devices import DeviceContext, Frame
 from mvp.errors import ConnectError, DeviceFault, LimitError, LinkLost
 from mvp.testing import refuses
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 _STREAM = StreamSettings(1400, 16 << 20, 4, True)
 _TRIGGERED = {"TriggerMode": "On", "TriggerSource": "Software"}
@@ -264,3 +271,116 @@ def test_packed_grey_values_come_back(width: int, height: int, bits: int) -> Non
 def test_short_or_foreign_pictures_are_refused(data: bytes, code: int) -> None:
     with pytest.raises(ValueError, match=r"pixel format|bytes instead"):
         grey_picture(data, width=9, height=9, pixel_code=code)
+
+
+def _whole(frame_id: int) -> Delivery:
+    return Delivery(True, "SUCCESS", frame_id, 2, 1, 0x01080001, b"ab", 0)
+
+
+def _holed(frame_id: int) -> Delivery:
+    return Delivery(False, "MISSING_PACKETS", frame_id, 0, 0, 0, b"", 0)
+
+
+class ScriptedCamera(MemoryCamera):
+    """Answers each trigger with what is planned; None means nothing at all."""
+
+    def plan(self, *answers: Delivery | None, stale: tuple[int, ...] = ()) -> None:
+        self.answers = list(answers)
+        self.stale = list(stale)
+        self.triggers = 0
+        self.delay_s = 0.01
+        self.waiting: list[Delivery | None] = []
+
+    def trigger(self) -> None:
+        self.triggers += 1
+        self.waiting.append(self.answers.pop(0))
+
+    def drain(self) -> int:
+        return self.stale.pop(0) if self.stale else 0
+
+    def wait(self, timeout_s: float) -> Delivery | None:
+        time.sleep(min(self.delay_s, timeout_s))
+        return self.waiting.pop() if self.waiting else None
+
+
+def _driver(camera: MemoryCamera) -> GenicamCamera:
+    config = GenicamCamera.Config(address="a name", readout_s=0.0, frame_slack_s=0.02)
+    return GenicamCamera(
+        config, DeviceContext(), "camera", new_backend=lambda name: camera
+    )
+
+
+@pytest.fixture
+def scripted() -> Iterator[tuple[ScriptedCamera, GenicamCamera]]:
+    modern = _modern(Width=2, Height=1, PixelFormat="Mono8")
+    camera = ScriptedCamera(modern.features, modern.limits, modern.entries)
+    camera.plan()
+    with _driver(camera) as driver:
+        driver.configure(exposure_s=0.001)
+        yield camera, driver
+
+
+def _capture(driver: GenicamCamera) -> Frame:
+    return driver.capture(not_before_s=time.monotonic(), timeout_s=10)
+
+
+@pytest.mark.parametrize("bad", [_holed(1), None], ids=["holes", "nothing"])
+def test_a_bad_frame_is_asked_for_again_on_a_new_stream(
+    scripted: tuple[ScriptedCamera, GenicamCamera], bad: Delivery | None
+) -> None:
+    camera, driver = scripted
+    camera.plan(bad, bad, _whole(3))
+    assert _capture(driver).pixels.tolist() == [[97, 98]]
+    assert camera.triggers == 3
+    assert camera.armed == 3
+
+
+def test_three_bad_frames_in_a_row_are_a_fault(
+    scripted: tuple[ScriptedCamera, GenicamCamera],
+) -> None:
+    camera, driver = scripted
+    camera.plan(_holed(1), None, _holed(3), _whole(4))
+    error = refuses(DeviceFault, lambda: _capture(driver))
+    assert error.code == "MISSING_PACKETS"
+    assert camera.triggers == 3
+
+
+def test_frames_that_nobody_triggered_are_thrown_away(
+    scripted: tuple[ScriptedCamera, GenicamCamera],
+) -> None:
+    camera, driver = scripted
+    camera.plan(_whole(9), stale=(4, 0))
+    _capture(driver)
+    assert camera.armed == 2
+    camera.plan(stale=(1, 2, 3))
+    error = refuses(DeviceFault, lambda: _capture(driver))
+    assert "nobody triggered" in error.message
+    assert camera.triggers == 0
+
+
+def test_a_frame_that_comes_before_its_exposure_can_have_ended_is_not_believed(
+    scripted: tuple[ScriptedCamera, GenicamCamera],
+) -> None:
+    camera, driver = scripted
+    driver.configure(exposure_s=0.015)
+    camera.plan(_whole(1), _whole(2), _whole(3))
+    frame = _capture(driver)
+    assert camera.triggers == 2
+    assert frame.received_s - frame.exposure_start_s >= frame.exposure_s
+    # One of two triggers may still be answered: the next frame needs a new stream.
+    before = camera.armed
+    camera.delay_s = 0.02
+    _capture(driver)
+    assert camera.armed == before + 1
+
+
+def test_a_counter_that_stands_is_a_fault_and_gaps_are_counted(
+    scripted: tuple[ScriptedCamera, GenicamCamera],
+) -> None:
+    camera, driver = scripted
+    camera.plan(_whole(5), _whole(8), _whole(8), _whole(9))
+    first, second = _capture(driver), _capture(driver)
+    assert (second.dropped, second.frame_id - first.frame_id) == (2, 3)
+    error = refuses(DeviceFault, lambda: _capture(driver))
+    assert error.code == "frame-id"
+    assert _capture(driver).frame_id > second.frame_id
