@@ -49,6 +49,7 @@ class OwnProcess:
             [sys.executable, "-m", *command, "--end-with-stdin", *served],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C is for whoever started it
         )
         self.ready = self._first_line(ready_s)
 

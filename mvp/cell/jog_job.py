@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from mvp.cell.plan_job import Setting
     from mvp.devices import Frame
     from mvp.geometry import FloatArray
+    from mvp.optics import LensSetting
 
 JOG_SCHEMA: Literal["mvp-cell/jog/1"] = "mvp-cell/jog/1"
 _ARM_SPARE_S = 15.0
@@ -44,7 +45,11 @@ _LONGEST_MM, _LONGEST_DEG = 100.0, 30.0
 
 
 class JogDocument(FileModel):
-    """Where arm and lens stand at the end of jogging."""
+    """Where arm and lens stand at the end of jogging.
+
+    f, d and a are null where the motors stand outside of the lens table, as after
+    homing; the camera's pose is that of the hand-eye's own lens setting then.
+    """
 
     schema_: Literal["mvp-cell/jog/1"] = Field(default=JOG_SCHEMA, alias="schema")
     cell: str
@@ -52,9 +57,9 @@ class JogDocument(FileModel):
     base_from_tool: list[list[float]]
     base_from_camera: list[list[float]]
     lens_steps: dict[str, int]
-    f_mm: float
-    d_mm: float
-    a_mm: float
+    f_mm: float | None
+    d_mm: float | None
+    a_mm: float | None
 
 
 @dataclass(eq=False)
@@ -109,7 +114,7 @@ class Jogger:
     def document(self) -> JogDocument:
         """Where everything stands."""
         arm, lens = self.devices.arm.state(), self.devices.lens.state()
-        setting = self._table.setting(lens.zoom, lens.focus, lens.iris)
+        setting = self._setting(lens.steps())
         tool = Pose.from_matrix("base", "tool", np.asarray(arm.base_from_tool))
         return JogDocument(
             cell=self.setting.cell.config.name,
@@ -117,9 +122,9 @@ class Jogger:
             base_from_tool=tool.matrix.tolist(),
             base_from_camera=(tool @ self._tool_from_camera()).matrix.tolist(),
             lens_steps=lens.steps(),
-            f_mm=setting.f_mm,
-            d_mm=setting.d_mm,
-            a_mm=setting.a_mm,
+            f_mm=setting.f_mm if setting else None,
+            d_mm=setting.d_mm if setting else None,
+            a_mm=setting.a_mm if setting else None,
         )
 
     # ------------------------------------------------------------ arm
@@ -232,11 +237,13 @@ class Jogger:
         )
 
     def _tool_from_camera(self) -> Pose:
-        found, lens = self.setting.cell.calibrations, self.devices.lens.state()
-        d_mm = self._table.setting(lens.zoom, lens.focus, lens.iris).d_mm
+        found = self.setting.cell.calibrations
+        setting = self._setting(self.devices.lens.state().steps())
+        if setting is None:
+            return found.tool_from_camera
         return tool_from_camera_at(
             found.tool_from_camera,
-            d_mm=d_mm,
+            d_mm=setting.d_mm,
             reference_d_mm=found.hand_eye.reference_d_mm,
         )
 
@@ -248,7 +255,12 @@ class Jogger:
 
     def _optical(self, command: Optical) -> str:
         target = self._homed_steps()
-        now = self._table.setting(**target)
+        now = self._setting(target)
+        if now is None:
+            raise UsageError(
+                "the lens stands outside of its table, where it has no f, d and a",
+                hint="give steps first: zoom, focus and iris",
+            )
         wanted = {"f": now.f_mm, "d": now.d_mm, "a": now.a_mm}
         wanted[command.quantity] = command.value_mm
         try:
@@ -271,11 +283,24 @@ class Jogger:
         return self._lens_text(state.steps())
 
     def _lens_text(self, steps: dict[str, int]) -> str:
-        at = self._table.setting(**steps)
-        return (
-            f"zoom {steps['zoom']}, focus {steps['focus']}, iris {steps['iris']} steps; "
+        at = self._setting(steps)
+        optical = (
             f"f {at.f_mm:.3f}, d {at.d_mm:.3f}, a {at.a_mm:.3f} mm"
+            if at
+            else "outside of the lens table"
         )
+        motors = ", ".join(f"{axis} {step}" for axis, step in steps.items())
+        return f"{motors} steps; {optical}"
+
+    def _setting(self, steps: dict[str, int]) -> LensSetting | None:
+        """f, d and a at these steps; None outside of the table."""
+        table = self._table
+        inside = all(
+            low <= steps[motor.name] <= high
+            for motor in (table.zoom, table.focus, table.iris)
+            for low, high in [motor.range_steps]
+        )
+        return table.setting(**steps) if inside else None
 
     # ------------------------------------------------------------ pictures
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-import threading
-from contextlib import nullcontext
+import time
+from contextlib import ExitStack
 from typing import Annotated
 
 import typer
 
+from mvp.cell.interrupts import uninterrupted
 from mvp.cli.options import AcceptOption, CellArgument, TaskOption
+from mvp.cli.output import console
+
+_LOOK_EVERY_S = 0.5
 
 
 def simulate(
@@ -31,27 +34,28 @@ def simulate(
     """
     from mvp.cell.loading import load_cell, load_task
     from mvp.cell.simulation_host import found_by_others, hosted
-    from mvp.cli.output import console
 
     loaded = load_cell(cell, accept_calibration=accept_calibration)
-    with hosted(loaded, load_task(loaded, task)) as simulation:
-        shared = nullcontext() if until_eof else found_by_others(loaded, simulation)
-        with shared:
-            print("READY", simulation.model_dump_json(by_alias=True), flush=True)
-            if not until_eof:
-                console().print(f"{loaded.config.name} is simulated until Ctrl-C")
-            _wait_for_end(until_eof=until_eof)
+    loaded_task = load_task(loaded, task)
+    with ExitStack() as stack:
+        simulation = stack.enter_context(hosted(loaded, loaded_task))
+        if not until_eof:
+            stack.enter_context(found_by_others(loaded, simulation))
+        print("READY", simulation.model_dump_json(by_alias=True), flush=True)
+        try:
+            _wait_for_end(loaded.config.name, until_eof=until_eof)
+        finally:
+            with uninterrupted():
+                stack.close()
     return 0
 
 
-def _wait_for_end(*, until_eof: bool) -> None:
-    """Until standard input ends, or until Ctrl-C or SIGTERM."""
+def _wait_for_end(name: str, *, until_eof: bool) -> None:
+    """Until standard input ends; else until Ctrl-C or SIGTERM, which raise."""
     if until_eof:
         while sys.stdin.buffer.read(4096):
             pass
         return
-    ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
-    while not ended.wait(0.2):
-        pass
+    console().print(f"{name} is simulated until Ctrl-C", markup=False)
+    while True:
+        time.sleep(_LOOK_EVERY_S)
