@@ -270,7 +270,7 @@ class Pace:
             MotionStopped: a stop was asked for.
             DeviceTimeout: the deadline has passed.
         """
-        self._link.wait_until(self._clock.now_s() + min(seconds, deadline.left_s))
+        self.rest(min(seconds, deadline.left_s))
         self.require_going()
         if deadline.passed:
             raise DeviceTimeout(
@@ -278,6 +278,10 @@ class Pace:
                 device=self._name,
                 hint="does an axis stick, or is its sensor not seen?",
             )
+
+    def rest(self, seconds: float) -> None:
+        """Wait a moment, or until a stop is asked for."""
+        self._link.wait_until(self._clock.now_s() + seconds)
 
     def require_going(self) -> None:
         """Raise ``MotionStopped`` when a stop was asked for."""
@@ -316,10 +320,6 @@ def state_of(
         standing=standing,
         position_is_estimated=estimated,
     )
-
-
-def nothing_to_begin() -> None:
-    """A motion whose first byte is sent after the device is marked as busy."""
 
 
 def _range_of(table: AxisTable) -> AxisRange:

@@ -9,26 +9,19 @@ from __future__ import annotations
 
 import logging
 import threading
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, ClassVar, Self
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, ClassVar
 
-from drivers._lens import (
-    Deadline,
-    LensAxes,
-    Pace,
-    Steps,
-    not_homed,
-    nothing_to_begin,
-    state_of,
-    steps_of,
-    warn_untried,
-)
+from drivers._lens import Deadline, LensAxes, Pace, Steps, state_of
+from drivers._motor_lens import MotorLens
 from drivers._scf4 import COUNTER, UPPER, Scf4Config, Scf4Motor, Scf4Wire, words
-from mvp.devices import AXES, Axis, DeviceContext, DeviceInfo, LensState, Link, Role
+from mvp.devices import AXES, Axis, DeviceContext, DeviceInfo, LensState, Role
 from mvp.errors import DeviceError, DeviceFault
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from mvp.devices import Session
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.02
@@ -40,12 +33,16 @@ _BEYOND = 1.25  # of the range, to meet the end of travel from anywhere
 
 
 class Scf4Lens:
-    """A lens on an SCF4 controller."""
+    """The motors of an SCF4; ``from_config`` hands out the lens over them."""
 
     role: ClassVar[Role] = "lens"
     Config = Scf4Config
 
-    def __init__(self, config: Scf4Config, context: DeviceContext, name: str) -> None:
+    product: ClassVar[str] = "the Kurokesu SCF4"
+
+    def __init__(
+        self, config: Scf4Config, context: DeviceContext, name: str, pace: Pace
+    ) -> None:
         self.name = name
         self._config = config
         self._clock = context.clock
@@ -54,17 +51,16 @@ class Scf4Lens:
             "focus": config.focus_motor,
             "iris": config.iris_motor,
         }
-        self._axes = LensAxes(
+        self.axes = LensAxes(
             config,
             context.folder,
             name,
             ends=dict.fromkeys(AXES, (0, COUNTER - 1)),
         )
-        self._wire = Scf4Wire(config, context, name, on_lost=self._on_lost)
-        self._link = Link(
-            name, context.clock, connect=self._connect, disconnect=self._disconnect
+        self._wire = Scf4Wire(
+            config, context, name, on_lost=lambda error: self.forget_home()
         )
-        self._pace = Pace(self._link, context.clock, name)
+        self._pace = pace
         self._lock = threading.Lock()
         self._identity = ("", "", "", "")
         self._homed = False
@@ -74,33 +70,24 @@ class Scf4Lens:
     @classmethod
     def from_config(
         cls, config: Scf4Config, context: DeviceContext, *, name: str
-    ) -> Self:
+    ) -> MotorLens:
         """Build the device; no I/O."""
-        return cls(config, context, name)
+        return MotorLens(
+            name, context.clock, lambda pace: cls(config, context, name, pace)
+        )
 
-    def open(self) -> None:
-        """Connect and identify. Moves nothing.
+    @property
+    def session(self) -> Session:
+        """The conversation with the controller."""
+        return self._wire.session
 
-        Raises:
-            ConnectError: no such port, in use, or no SCF4 there.
-            ConfigError, CalibrationError: no usable ranges.
-        """
-        self._link.open()
-
-    def close(self) -> None:
-        """Stop the motors and disconnect."""
-        self._link.close()
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
+    def connect(self) -> None:
+        """Open the session and learn who answers. Moves nothing."""
+        self._identity = self._wire.open()
+        self._wire.status()
 
     def info(self) -> DeviceInfo:
         """Identity and versions."""
-        self._link.require_open()
         firmware, board, brand, serial = self._identity
         return DeviceInfo(
             self.name,
@@ -112,95 +99,7 @@ class Scf4Lens:
             extra={"address": self._wire.session.address, "can_stop": "yes"},
         )
 
-    def limits(self) -> dict[Axis, tuple[int, int]]:
-        """Lowest and highest step of each axis."""
-        return self._axes.limits()
-
     def state(self) -> LensState:
-        """What the counters read.
-
-        Raises:
-            ConnectError, LinkLost, DeviceTimeout, WireError: no sensible answer.
-        """
-        self._link.require_open()
-        return self._read()
-
-    def home(self, *, timeout_s: float) -> LensState:
-        """Find the reference of every axis, one after the other. Moves.
-
-        Raises:
-            DeviceTimeout: a sensor was not found in time; the motors are stopped.
-            DeviceFault, MotionStopped: see the protocol.
-        """
-        self._link.require_open()
-        deadline = Deadline(self._clock, timeout_s)
-        with self._wire.session.dumping(), self._link.busy(nothing_to_begin):
-            self._begin_moving(homed=False)
-            with self._halting():
-                self._set_up()
-                for axis in self._config.home_order:
-                    self._home_axis(axis, deadline)
-                self._wire.order("M239", "G90")
-            self._stand(homed=True)
-        return self.state()
-
-    def check_steps(self, *, zoom: int, focus: int, iris: int) -> None:
-        """Raise ``LimitError`` when outside the limits. Never moves."""
-        self._axes.check({"zoom": zoom, "focus": focus, "iris": iris})
-
-    def move_steps(
-        self, *, zoom: int, focus: int, iris: int, timeout_s: float
-    ) -> LensState:
-        """Move every axis, arriving from the side of the lens table.
-
-        Raises:
-            LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
-        """
-        self._link.require_open()
-        targets: Steps = {"zoom": zoom, "focus": focus, "iris": iris}
-        self._axes.check(targets)
-        deadline = Deadline(self._clock, timeout_s)
-        with self._wire.session.dumping(), self._link.busy(nothing_to_begin):
-            before = self._read()
-            if not before.homed:
-                raise not_homed(self.name)
-            legs = self._axes.legs(steps_of(before), targets)
-            self._begin_moving(homed=True)
-            with self._halting():
-                for leg in legs:
-                    self._travel(leg, deadline)
-            self._stand(homed=True, at=targets)
-            self._axes.engage()
-        return self.state()
-
-    def stop(self) -> None:
-        """Stop all motors now, from any thread; the counters stay right."""
-        self._link.interrupt()
-        if self._link.is_open and not self._wire.session.is_lost:
-            self._wire.order("M0")
-
-    def _connect(self) -> None:
-        self._axes.ranges()
-        try:
-            self._identity = self._wire.open()
-            self._wire.status()
-        except BaseException:
-            self._wire.session.close()
-            raise
-        self._begin_moving(homed=False)
-        warn_untried(self.name, "the Kurokesu SCF4")
-
-    def _disconnect(self) -> None:
-        # Closing must work on a dead link, too.
-        with suppress(DeviceError):
-            self.stop()
-        self._wire.session.close()
-        self._begin_moving(homed=False)
-
-    def _on_lost(self, error: DeviceError) -> None:
-        self._begin_moving(homed=False)
-
-    def _read(self) -> LensState:
         """The counters, compared with what they must read: a restart clears them."""
         with self._lock:
             expected = self._expected
@@ -214,11 +113,39 @@ class Scf4Lens:
             homed = self._homed
         return state_of(status.steps, homed=homed, standing=status.standing)
 
-    def _begin_moving(self, *, homed: bool) -> None:
+    def home(self, deadline: Deadline) -> None:
+        """Find the reference of every axis, one after the other."""
+        self.forget_home()
+        with self._halting():
+            self._set_up()
+            for axis in self._config.home_order:
+                self._home_axis(axis, deadline)
+            self._wire.order("M239", "G90")
+        self._stand(homed=True)
+
+    def move(self, legs: Sequence[Steps], targets: Steps, deadline: Deadline) -> None:
+        """All axes of a leg at once.
+
+        Raises:
+            DeviceFault: they stand elsewhere.
+        """
         with self._lock:
-            self._homed = homed
             self._expected = None
-        self._axes.disengage()
+        with self._halting():
+            for leg in legs:
+                self._travel(leg, deadline)
+        self._stand(homed=True, at=targets)
+
+    def stop(self) -> None:
+        """Stop all motors; the counters stay right."""
+        self._wire.order("M0")
+
+    def forget_home(self) -> None:
+        """Where the motors are is not known any more."""
+        with self._lock:
+            self._homed = False
+            self._expected = None
+        self.axes.disengage()
 
     def _stand(self, *, homed: bool, at: Steps | None = None) -> None:
         """Note where the motors stand from now on."""
@@ -284,7 +211,7 @@ class Scf4Lens:
     def _home_on_stop(self, axis: Axis, deadline: Deadline) -> None:
         """Against the lower end of travel at low current."""
         motor = self._motors[axis]
-        low, high = self._axes.ranges()[axis].reach
+        low, high = self.axes.ranges()[axis].reach
         beyond = round(_BEYOND * (high - low))
         self._wire.order(words("M234", {motor.letter: self._config.stop_current}))
         self._shift(axis, -beyond, deadline)

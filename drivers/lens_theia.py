@@ -11,20 +11,10 @@ from __future__ import annotations
 
 import logging
 import threading
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar
 
-from drivers._lens import (
-    Deadline,
-    LensAxes,
-    Pace,
-    Steps,
-    not_homed,
-    nothing_to_begin,
-    state_of,
-    steps_of,
-    warn_untried,
-)
+from drivers._lens import Deadline, LensAxes, Pace, Steps, state_of
+from drivers._motor_lens import MotorLens
 from drivers._theia import (
     Setup,
     TheiaConfig,
@@ -34,11 +24,13 @@ from drivers._theia import (
     shift_frame,
     to_switch_frame,
 )
-from mvp.devices import Axis, DeviceContext, DeviceInfo, LensState, Link, Role
+from mvp.devices import Axis, DeviceContext, DeviceInfo, LensState, Role
 from mvp.errors import DeviceError, DeviceFault, DeviceTimeout
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
+
+    from mvp.devices import Session
 
 _LOG = logging.getLogger(__name__)
 _SLOWER = 1.3  # a motion may take so much longer than its steps at their speed
@@ -48,28 +40,32 @@ _HOME_ORDER: tuple[Axis, Axis, Axis] = ("zoom", "focus", "iris")
 
 
 class TheiaLens:
-    """A lens on a Theia MCR board."""
+    """The motors of an MCR board; ``from_config`` hands out the lens over them."""
 
     role: ClassVar[Role] = "lens"
     Config = TheiaConfig
 
-    def __init__(self, config: TheiaConfig, context: DeviceContext, name: str) -> None:
+    product: ClassVar[str] = "the Theia MCR"
+
+    def __init__(
+        self, config: TheiaConfig, context: DeviceContext, name: str, pace: Pace
+    ) -> None:
         self.name = name
         self._config = config
-        self._clock = context.clock
         self._motors = config.motors()
         ends = {
             axis: (0, motor.switch or motor.steps)
             for axis, motor in self._motors.items()
         }
-        self._axes = LensAxes(config, context.folder, name, ends=ends)
+        self.axes = LensAxes(config, context.folder, name, ends=ends)
         self._wire = TheiaWire(
-            config, context, name, on_lost=self._on_lost, on_late=self._on_late
+            config,
+            context,
+            name,
+            on_lost=lambda error: self.forget_home(),
+            on_late=self._on_late,
         )
-        self._link = Link(
-            name, context.clock, connect=self._connect, disconnect=self._disconnect
-        )
-        self._pace = Pace(self._link, context.clock, name)
+        self._pace = pace
         self._lock = threading.Lock()
         self._identity = ("", "")
         self._counted: Steps = {"zoom": 0, "focus": 0, "iris": 0}
@@ -79,33 +75,25 @@ class TheiaLens:
     @classmethod
     def from_config(
         cls, config: TheiaConfig, context: DeviceContext, *, name: str
-    ) -> Self:
+    ) -> MotorLens:
         """Build the device; no I/O."""
-        return cls(config, context, name)
+        return MotorLens(
+            name, context.clock, lambda pace: cls(config, context, name, pace)
+        )
 
-    def open(self) -> None:
-        """Connect and identify. Moves nothing.
+    @property
+    def session(self) -> Session:
+        """The conversation with the board."""
+        return self._wire.session
 
-        Raises:
-            ConnectError: no such port, in use, or no MCR there.
-            ConfigError, CalibrationError: no usable ranges.
-        """
-        self._link.open()
-
-    def close(self) -> None:
-        """Disconnect; a motion under way goes on to its end."""
-        self._link.close()
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
+    def connect(self) -> None:
+        """Open the session and learn who answers. Moves nothing."""
+        self._identity = self._wire.open()
+        # It answers, and it would not while a motor turns.
+        self._on_late()
 
     def info(self) -> DeviceInfo:
         """Identity and versions."""
-        self._link.require_open()
         firmware, serial = self._identity
         return DeviceInfo(
             self.name,
@@ -120,17 +108,8 @@ class TheiaLens:
             },
         )
 
-    def limits(self) -> dict[Axis, tuple[int, int]]:
-        """Lowest and highest step of each axis."""
-        return self._axes.limits()
-
     def state(self) -> LensState:
-        """Where the motors are by the host's count; asks the board nothing.
-
-        Raises:
-            ConnectError: not open.
-        """
-        self._link.require_open()
+        """Where the motors are by the host's count; asks the board nothing."""
         with self._lock:
             return state_of(
                 self._counted,
@@ -139,110 +118,61 @@ class TheiaLens:
                 estimated=True,
             )
 
-    def home(self, *, timeout_s: float) -> LensState:
-        """Find the barrier of zoom and focus, and close the iris. Moves.
+    def home(self, deadline: Deadline) -> None:
+        """Find the barrier of zoom and focus, and close the iris.
 
         Raises:
             DeviceTimeout: an answer did not come in time, or could not.
-            DeviceFault, MotionStopped: see the protocol.
         """
-        self._link.require_open()
-        deadline = Deadline(self._clock, timeout_s)
-        self._require_time(sum(map(_home_s, self._motors.values())), timeout_s)
-        with self._moving():
-            with self._lock:
-                self._homed = False
-            for axis in _HOME_ORDER:
-                self._set_up(axis)
-            for axis in _HOME_ORDER:
-                self._home_axis(axis, deadline)
-            self._pace.require_going()
-            with self._lock:
-                self._homed = True
-        return self.state()
+        self._require_time(sum(map(_home_s, self._motors.values())), deadline)
+        self.forget_home()
+        for axis in _HOME_ORDER:
+            self._set_up(axis)
+        for axis in _HOME_ORDER:
+            self._home_axis(axis, deadline)
+        self._pace.require_going()
+        with self._lock:
+            self._homed = True
 
-    def check_steps(self, *, zoom: int, focus: int, iris: int) -> None:
-        """Raise ``LimitError`` when outside the limits. Never moves."""
-        self._axes.check({"zoom": zoom, "focus": focus, "iris": iris})
-
-    def move_steps(
-        self, *, zoom: int, focus: int, iris: int, timeout_s: float
-    ) -> LensState:
-        """Move one axis after the other, arriving from the side of the lens table.
+    def move(self, legs: Sequence[Steps], targets: Steps, deadline: Deadline) -> None:
+        """One axis after the other.
 
         Raises:
-            LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
+            DeviceTimeout: an answer did not come in time, or could not.
         """
-        self._link.require_open()
-        targets: Steps = {"zoom": zoom, "focus": focus, "iris": iris}
-        self._axes.check(targets)
-        deadline = Deadline(self._clock, timeout_s)
-        with self._moving():
-            before = self.state()
-            if not before.homed:
-                raise not_homed(self.name)
-            legs = self._axes.legs(steps_of(before), targets)
-            self._require_time(self._duration_s(steps_of(before), legs), timeout_s)
-            self._axes.disengage()
-            for leg in legs:
-                for axis, target in leg.items():
-                    self._shift(axis, target, deadline)
-            self._pace.require_going()
-            self._axes.engage()
-        return self.state()
+        self._require_time(self._duration_s(legs), deadline)
+        for leg in legs:
+            for axis, target in leg.items():
+                self._shift(axis, target, deadline)
+        self._pace.require_going()
 
     def stop(self) -> None:
-        """Send no further motion; the one under way goes on to its end. Any thread."""
-        self._link.interrupt()
+        """Nothing to send: the motion under way goes on to its end."""
 
-    def _connect(self) -> None:
-        self._axes.ranges()
-        try:
-            self._identity = self._wire.open()
-        except BaseException:
-            self._wire.session.close()
-            raise
-        # It answers, and it would not while a motor turns.
-        self._on_late()
-        warn_untried(self.name, "the Theia MCR")
-
-    def _disconnect(self) -> None:
-        self._link.interrupt()
-        self._wire.session.close()
-        self._forget_home()
-
-    def _on_lost(self, error: DeviceError) -> None:
-        self._forget_home()
+    def forget_home(self) -> None:
+        """Where the motors are is not known any more."""
+        with self._lock:
+            self._homed = False
+        self.axes.disengage()
 
     def _on_late(self) -> None:
         """A motion has ended that was given up: nothing turns any more."""
         with self._lock:
             self._turning = False
 
-    def _forget_home(self) -> None:
-        with self._lock:
-            self._homed = False
-        self._axes.disengage()
-
-    @contextmanager
-    def _moving(self) -> Iterator[None]:
-        """One move at a time; the traffic is written down when it fails."""
-        with self._wire.session.dumping(), self._link.busy(nothing_to_begin):
-            yield
-
-    def _require_time(self, needed_s: float, timeout_s: float) -> None:
+    def _require_time(self, needed_s: float, deadline: Deadline) -> None:
         """Refuse before the first motion what could not be stopped when it is late."""
-        if needed_s > timeout_s:
+        if needed_s > deadline.left_s:
             raise DeviceTimeout(
-                f"needs {needed_s:.1f} s and has {timeout_s:g} s, and cannot be stopped "
-                "half-way; nothing has moved",
+                f"needs {needed_s:.1f} s and has {deadline.left_s:.1f} s, and cannot be "
+                "stopped half-way; nothing has moved",
                 device=self.name,
                 hint="allow more time",
             )
 
-    def _duration_s(self, now: Steps, legs: Sequence[Steps]) -> float:
+    def _duration_s(self, legs: Sequence[Steps]) -> float:
         """Time of all motions at their speed."""
-        at = dict(now)
+        at = dict(self._counted)
         total_s = 0.0
         for leg in legs:
             for axis, target in leg.items():
@@ -316,14 +246,14 @@ class TheiaLens:
         try:
             self._wire.move(frame, timeout_s=allowed_s)
         except DeviceError as error:
-            self._forget_home()
+            self.forget_home()
             if isinstance(error, DeviceTimeout):
                 error.hint = f"a motor may still turn; then home it. {error.hint}"
             raise
         finally:
             if not self._wire.session.out_of_step:
                 self._on_late()
-        self._link.wait_until(self._clock.now_s() + self._config.rest_s)
+        self._pace.rest(self._config.rest_s)
 
 
 def _beyond_steps(motor: TheiaMotor) -> int:

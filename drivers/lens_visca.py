@@ -9,40 +9,36 @@ modes are made sure of before every move.
 from __future__ import annotations
 
 import threading
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, ClassVar, Self
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, ClassVar
 
-from drivers._lens import (
-    Deadline,
-    LensAxes,
-    Pace,
-    Steps,
-    not_homed,
-    nothing_to_begin,
-    state_of,
-    steps_of,
-    warn_untried,
-)
+from drivers._lens import Deadline, LensAxes, Pace, Steps, state_of
+from drivers._motor_lens import MotorLens
 from drivers._visca import ViscaConfig, ViscaWire
 from drivers._visca_motion import ViscaMotion
-from mvp.devices import AXES, Axis, DeviceContext, DeviceInfo, LensState, Link, Role
-from mvp.errors import DeviceError, DeviceFault, LimitError
+from mvp.devices import AXES, DeviceContext, DeviceInfo, LensState, Role
+from mvp.errors import DeviceFault
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
+
+    from mvp.devices import Session
 
 
 class ViscaLens:
-    """The lens of a VISCA device."""
+    """The motors of a VISCA device; ``from_config`` hands out the lens over them."""
 
     role: ClassVar[Role] = "lens"
     Config = ViscaConfig
 
-    def __init__(self, config: ViscaConfig, context: DeviceContext, name: str) -> None:
+    product: ClassVar[str] = "VISCA lenses"
+
+    def __init__(
+        self, config: ViscaConfig, context: DeviceContext, name: str, pace: Pace
+    ) -> None:
         self.name = name
         self._config = config
-        self._clock = context.clock
-        self._axes = LensAxes(
+        self.axes = LensAxes(
             config,
             context.folder,
             name,
@@ -56,15 +52,12 @@ class ViscaLens:
             config,
             context,
             name,
-            on_lost=self._on_lost,
-            on_restart=self._forget_home,
-        )
-        self._link = Link(
-            name, context.clock, connect=self._connect, disconnect=self._disconnect
+            on_lost=lambda error: self.forget_home(),
+            on_restart=self.forget_home,
         )
         self._motion = ViscaMotion(
             self._wire,
-            Pace(self._link, context.clock, name),
+            pace,
             context.clock,
             name,
             tolerance_counts=config.tolerance_counts,
@@ -77,33 +70,23 @@ class ViscaLens:
     @classmethod
     def from_config(
         cls, config: ViscaConfig, context: DeviceContext, *, name: str
-    ) -> Self:
+    ) -> MotorLens:
         """Build the device; no I/O."""
-        return cls(config, context, name)
+        return MotorLens(
+            name, context.clock, lambda pace: cls(config, context, name, pace)
+        )
 
-    def open(self) -> None:
-        """Connect and identify. Moves nothing.
+    @property
+    def session(self) -> Session:
+        """The conversation with the device."""
+        return self._wire.session
 
-        Raises:
-            ConnectError: no such port, in use, or no such device there.
-            ConfigError, CalibrationError: no usable ranges.
-        """
-        self._link.open()
-
-    def close(self) -> None:
-        """Stop the motors and disconnect."""
-        self._link.close()
-
-    def __enter__(self) -> Self:
-        self.open()
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
+    def connect(self) -> None:
+        """Open the session and learn who answers. Moves nothing."""
+        self._identity = self._wire.open()
 
     def info(self) -> DeviceInfo:
         """Identity and versions."""
-        self._link.require_open()
         model, firmware = self._identity
         return DeviceInfo(
             self.name,
@@ -118,32 +101,17 @@ class ViscaLens:
             },
         )
 
-    def limits(self) -> dict[Axis, tuple[int, int]]:
-        """Lowest and highest count of each axis."""
-        return self._axes.limits()
-
     def state(self) -> LensState:
-        """What the device tells.
-
-        Raises:
-            ConnectError, LinkLost, DeviceTimeout, WireError: no sensible answer.
-        """
-        self._link.require_open()
+        """What the device tells."""
         steps = {axis: self._motion.read(axis) for axis in AXES}
         with self._lock:
             homed, standing = self._homed, not self._moves
         return state_of(steps, homed=homed, standing=standing)
 
-    def home(self, *, timeout_s: float) -> LensState:
-        """Switch it on, let it find its own reference, and take manual control. Moves.
-
-        Raises:
-            DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
-        """
-        self._link.require_open()
-        deadline = Deadline(self._clock, timeout_s)
-        with self._moving():
-            self._forget_home()
+    def home(self, deadline: Deadline) -> None:
+        """Switch it on, let it find its own reference, and take manual control."""
+        self.forget_home()
+        with self._halting():
             self._wire.session.resync()
             self._motion.switch_on(deadline)
             if self._config.initialise:
@@ -151,95 +119,50 @@ class ViscaLens:
             self._motion.take_control(deadline)
             for axis in AXES:
                 self._motion.until_steady(axis, deadline)
-            with self._lock:
-                self._homed = True
-        return self.state()
+        with self._lock:
+            self._homed = True
 
-    def check_steps(self, *, zoom: int, focus: int, iris: int) -> None:
-        """Raise ``LimitError`` when outside the limits. Never moves."""
-        self._axes.check({"zoom": zoom, "focus": focus, "iris": iris})
-
-    def move_steps(
-        self, *, zoom: int, focus: int, iris: int, timeout_s: float
-    ) -> LensState:
-        """Move one axis after the other, arriving from the side of the lens table.
+    def move(self, legs: Sequence[Steps], targets: Steps, deadline: Deadline) -> None:
+        """One axis after the other; then all must stand where they were sent.
 
         Raises:
-            LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
+            DeviceFault: one stands elsewhere, or it was switched off meanwhile.
         """
-        self._link.require_open()
-        targets: Steps = {"zoom": zoom, "focus": focus, "iris": iris}
-        self._axes.check(targets)
-        deadline = Deadline(self._clock, timeout_s)
-        with self._moving():
-            before = self.state()
-            if not before.homed:
-                raise not_homed(self.name)
+        with self._halting():
             self._motion.take_control(deadline)
-            legs = self._axes.legs(steps_of(before), targets)
-            self._axes.disengage()
             for leg in legs:
                 for axis, target in leg.items():
                     self._motion.go(axis, target, deadline)
-            reached = self._reached(targets)
-        return reached
+            self._check_reached(targets)
 
     def stop(self) -> None:
-        """Stop zoom and focus now, from any thread; the iris needs no stopping."""
-        self._link.interrupt()
-        if self._link.is_open and not self._wire.session.is_lost:
-            self._motion.send_stops()
+        """Stop zoom and focus; the iris needs no stopping."""
+        self._motion.send_stops()
 
-    def _connect(self) -> None:
-        self._axes.ranges()
-        try:
-            self._identity = self._wire.open()
-        except BaseException:
-            self._wire.session.close()
-            raise
-        self._forget_home()
-        warn_untried(self.name, "VISCA lenses")
-
-    def _disconnect(self) -> None:
-        # Closing must work on a dead link, too.
-        with suppress(DeviceError):
-            self.stop()
-        self._wire.session.close()
-        self._forget_home()
-
-    def _on_lost(self, error: DeviceError) -> None:
-        self._forget_home()
-
-    def _forget_home(self) -> None:
+    def forget_home(self) -> None:
+        """Where the motors are is not known any more."""
         with self._lock:
             self._homed = False
-        self._axes.disengage()
+        self.axes.disengage()
 
     @contextmanager
-    def _moving(self) -> Iterator[None]:
-        """One move at a time; nothing is left in motion, whatever ends it early."""
-        with self._wire.session.dumping(), self._link.busy(nothing_to_begin):
-            self._moves = True
-            try:
-                yield
-            except LimitError:
-                raise
-            except BaseException:
-                self._motion.halt()
-                raise
-            finally:
-                self._moves = False
+    def _halting(self) -> Iterator[None]:
+        """Leave no motor in motion, whatever ends the motion early."""
+        self._moves = True
+        try:
+            yield
+        except BaseException:
+            self._motion.halt()
+            raise
+        finally:
+            self._moves = False
 
-    def _reached(self, targets: Steps) -> LensState:
-        """Where all axes stand after the last motion; one may have moved another.
-
-        Raises:
-            DeviceFault: not where it was sent.
-        """
-        steps = {axis: self._motion.read(axis) for axis in AXES}
+    def _check_reached(self, targets: Steps) -> None:
+        """One axis may have moved another, and a restart moves all."""
         for axis in AXES:
-            if abs(steps[axis] - targets[axis]) > self._config.tolerance_counts:
-                raise self._motion.stalled(axis, steps[axis], targets[axis])
+            place = self._motion.read(axis)
+            if abs(place - targets[axis]) > self._config.tolerance_counts:
+                raise self._motion.stalled(axis, place, targets[axis])
         with self._lock:
             homed = self._homed
         if not homed:
@@ -249,5 +172,3 @@ class ViscaLens:
                 code="restart",
                 hint="home it again",
             )
-        self._axes.engage()
-        return state_of(steps, homed=True, standing=True)

@@ -20,6 +20,7 @@ from mvp.errors import (
 )
 from mvp.testing import FarEnd, meanwhile
 
+MOVES = pytest.mark.parametrize("moves", [3, pytest.param(60, marks=pytest.mark.full)])
 AXES = {
     "zoom": {
         "low": 0,
@@ -400,13 +401,16 @@ def test_a_pulled_cable_in_motion_is_a_lost_link_and_costs_home(bench) -> None:
     assert not lens.state().homed
 
 
-def test_a_noisy_line_ends_in_a_device_error_or_the_right_place(bench) -> None:
+@MOVES
+def test_a_noisy_line_ends_in_a_device_error_or_the_right_place(
+    bench, moves: int
+) -> None:
     b = bench()
     lens = b.lens(answer_s=0.2)
     lens.home(timeout_s=60)
     rng = np.random.default_rng(5)
     outcomes = []
-    for _ in range(5):
+    for _ in range(moves):
         b.do("noise", drop=0.003, flip=0.003)
         target = {
             axis: int(rng.integers(low, high + 1))
