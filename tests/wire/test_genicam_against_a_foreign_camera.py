@@ -217,6 +217,7 @@ def test_a_camera_that_came_back_has_its_settings_again(
         assert camera.info().serial == gv_camera.serial
 
 
+@pytest.mark.full
 def test_a_different_camera_in_its_place_is_refused(
     gv_camera: GvCamera, driver: Callable[..., GenicamCamera]
 ) -> None:
@@ -246,6 +247,7 @@ def test_a_frame_of_an_abandoned_trigger_is_not_taken_for_a_later_one(
     assert frame.received_s >= frame.exposure_start_s + frame.exposure_s
 
 
+@pytest.mark.full
 def test_a_second_program_cannot_take_the_camera(
     driver: Callable[..., GenicamCamera],
 ) -> None:

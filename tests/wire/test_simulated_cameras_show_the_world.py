@@ -175,7 +175,9 @@ def test_jpeg_at_its_default_quality_keeps_flat_grey() -> None:
     assert np.abs(flat - _GREY).max() <= 1
 
 
-@pytest.mark.parametrize("verb", ["kill", "silence"])
+@pytest.mark.parametrize(
+    "verb", ["kill", pytest.param("silence", marks=pytest.mark.full)]
+)
 def test_a_gige_camera_that_is_gone_is_a_lost_link(verb: str) -> None:
     with _gige(None, "telegenicam") as (camera, faults, _simulator):
         camera.capture(not_before_s=time.monotonic(), timeout_s=30)
