@@ -9,9 +9,12 @@ from pathlib import Path
 import pytest
 
 from mvp.devices import (
+    LineFramer,
+    RealClock,
     RecordingTransport,
     ReplayTransport,
     SerialTransport,
+    Session,
     TcpTransport,
     Traffic,
     TransportConfig,
@@ -246,3 +249,26 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, content: str) -> None:
     path.write_text(content)
     with pytest.raises(RecordError):
         ReplayTransport.load(path)
+
+
+def test_opening_and_closing_leaves_nothing_behind(port) -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    line = SerialTransport("lens", port[1])
+    for _ in range(50):
+        line.open()
+        line.write(b"x")
+        line.close()
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_a_session_that_opens_again_and_again_leaves_nothing_behind(server) -> None:
+    config = TransportConfig(port=f"socket://127.0.0.1:{server.getsockname()[1]}")
+    session = Session(recorded_link(config, "lens"), LineFramer(), clock=RealClock())
+    counts = []
+    for _ in range(20):
+        session.open()
+        far, _ = server.accept()
+        far.close()
+        session.close()
+        counts.append((len(os.listdir("/proc/self/fd")), threading.active_count()))
+    assert counts[0] == counts[-1]
