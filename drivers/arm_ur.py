@@ -41,6 +41,7 @@ class UrArm:
 
     role: ClassVar[Role] = "arm"
     Config = UrArmConfig
+    libraries: ClassVar[tuple[str, ...]] = ("ur-rtde",)
 
     def __init__(
         self, config: UrArmConfig, context: DeviceContext, name: str, session: Session

@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Self
 from pydantic import Field
 
 from drivers._genicam import (
-    BACKENDS,
     BackendName,
     Session,
     SessionSettings,
     StreamSettings,
     backend_for,
-    installed_backends,
+    buffer_finding,
+    found_cameras,
+    library_finding,
+    packet_findings,
 )
 from drivers._genicam.kernel import buffer_warning, rmem_max
 from drivers._genicam.pixels import frames_between, grey_picture
-from mvp.devices import DeviceContext, DeviceInfo, Frame, Role
-from mvp.devices.cameras import CameraFound
+from mvp.devices import CameraFound, DeviceContext, DeviceInfo, Finding, Frame, Role
 from mvp.devices.link import Link
 from mvp.errors import (
     ConnectError,
@@ -113,23 +114,19 @@ class GenicamCamera:
     @classmethod
     def find_cameras(cls) -> tuple[CameraFound, ...]:
         """Cameras that answer, through every library that is installed; about 1-2 s."""
-        found: dict[tuple[str, str], CameraFound] = {}
-        usable = [key for key, problem in installed_backends().items() if not problem]
-        for name in (key for key in BACKENDS if key in usable):
-            backend = backend_for("aravis" if name == "aravis" else "telegenicam")
-            for one in backend.discover():
-                who = one.identity
-                found.setdefault(
-                    (who.serial, one.address),
-                    CameraFound(
-                        _KEY,
-                        one.address,
-                        f"{who.vendor} {who.model}".strip(),
-                        who.serial,
-                        f"{one.transport} through {name}",
-                    ),
-                )
-        return tuple(sorted(found.values(), key=lambda camera: camera.address))
+        return found_cameras(_KEY)
+
+    @classmethod
+    def check_host(cls, config: GenicamCameraConfig) -> tuple[Finding, ...]:
+        """Library, socket buffers and packet size; opens nothing."""
+        pixels = (config.width_px or 0) * (config.height_px or 0)
+        frame_bytes = pixels * (1 if config.pixel_format == "Mono8" else 2)
+        known = "address" in config.model_fields_set
+        return (
+            library_finding(config.backend),
+            buffer_finding(frame_bytes or None),
+            *packet_findings(config.address if known else "", config.packet_size),
+        )
 
     def open(self) -> None:
         """Take control, prove every setting, start the stream.

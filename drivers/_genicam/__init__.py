@@ -17,6 +17,12 @@ from drivers._genicam.choose import (
     backend_for,
     installed_backends,
 )
+from drivers._genicam.host import (
+    buffer_finding,
+    found_cameras,
+    library_finding,
+    packet_findings,
+)
 from drivers._genicam.session import Session, SessionSettings
 
 __all__ = [
@@ -34,5 +40,9 @@ __all__ = [
     "StreamSettings",
     "Value",
     "backend_for",
+    "buffer_finding",
+    "found_cameras",
     "installed_backends",
+    "library_finding",
+    "packet_findings",
 ]

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from mvp.cell.loading import LoadedCell
     from mvp.cell.world_building import WorldBodies
-    from mvp.devices import Device, Role
+    from mvp.devices import Device, DriverClass, Role
     from mvp.fileedge import FileModel
 
     Announced: TypeAlias = Mapping[Role, Mapping[str, object]]
@@ -89,6 +89,16 @@ def check_driver_configs(cell: LoadedCell) -> None:
         simulator_config(cell, role, simulator)
     if cell.config.world is not None:
         world_config(cell)
+
+
+def configured(cell: LoadedCell, role: Role) -> tuple[DriverClass, FileModel]:
+    """The driver of a role, and its keys as far as the cell file says them.
+
+    Raises:
+        ConfigError, PluginError: as for ``build_devices``.
+    """
+    config = _driver_config(cell, role, None)
+    return load_driver(getattr(cell.config, role).driver, role), config
 
 
 def _clock(cell: LoadedCell) -> Clock:

@@ -10,7 +10,7 @@ from mvp.calibrated import (
     RigidCalibration,
 )
 from mvp.cell.cell_config import CellConfig
-from mvp.cell.check_job import CheckDocument
+from mvp.cell.check_items import CheckDocument
 from mvp.cell.documents import (
     DriversDocument,
     ErrorDocument,

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from mvp.cli.options import AcceptOption, CellArgument, JsonOption, TaskOption
+
+if TYPE_CHECKING:
+    from mvp.cell.check_items import CheckDocument, CheckItem
 
 
 def check(
@@ -12,22 +17,36 @@ def check(
     as_json: JsonOption = False,
 ) -> int:
     """Reach every device, check calibration and limits; all failures at once."""
+    from rich.markup import escape
     from rich.table import Table
 
-    from mvp.cell.check_job import check_cell
-    from mvp.cell.loading import load_cell, load_task
+    from mvp.cell.check_job import check_cell, load_unjudged
+    from mvp.cell.loading import load_task
     from mvp.cli.output import console, print_model
 
-    loaded = load_cell(cell, accept_calibration=accept_calibration)
+    loaded = load_unjudged(cell, accept_calibration=accept_calibration)
     document = check_cell(loaded, load_task(loaded, task))
     table = Table("what", "", "detail")
     for item in document.items:
-        mark = "[green]ok[/]" if item.passed else "[red]FAILED[/]"
-        detail = f"{item.detail}\n{item.hint}" if item.hint else item.detail
-        table.add_row(item.name, mark, detail)
+        detail = f"{item.detail}\n-> {item.hint}" if item.hint else item.detail
+        table.add_row(item.name, _mark(item), escape(detail))
     lines = console()
     lines.print(table)
-    lines.print(f"{document.cell}: {'ready' if document.passed else 'NOT ready'}")
+    lines.print(f"{document.cell}: {_verdict(document)}")
     if as_json:
         print_model(document)
     return 0 if document.passed else 4
+
+
+def _mark(item: CheckItem) -> str:
+    if not item.passed:
+        return "[red]FAILED[/]"
+    return "[yellow]warning[/]" if item.warning else "[green]ok[/]"
+
+
+def _verdict(document: CheckDocument) -> str:
+    if not document.passed:
+        failed = sum(not item.passed for item in document.items)
+        return f"NOT ready, {failed} of {len(document.items)} checks failed"
+    warnings = sum(item.warning for item in document.items)
+    return f"ready, but look at {warnings} warning(s)" if warnings else "ready"

@@ -1,7 +1,15 @@
 """Device protocols, clocks and the registry of drivers."""
 
+from mvp.devices.cameras import CameraFound
 from mvp.devices.command_slot import Accept, Ask, Take
 from mvp.devices.context import Clock, DeviceContext, RealClock, ScaledClock
+from mvp.devices.findings import (
+    Finding,
+    camera_search,
+    host_findings,
+    libraries_of,
+    usb_ids_of,
+)
 from mvp.devices.framing import (
     DelimiterFramer,
     EchoStripper,
@@ -11,6 +19,7 @@ from mvp.devices.framing import (
     text,
 )
 from mvp.devices.link import Link
+from mvp.devices.port_findings import port_findings
 from mvp.devices.ports import PortFound, list_ports
 from mvp.devices.protocols import (
     AXES,
@@ -56,6 +65,7 @@ __all__ = [
     "Ask",
     "Axis",
     "Camera",
+    "CameraFound",
     "Clock",
     "DelimiterFramer",
     "Device",
@@ -64,6 +74,7 @@ __all__ = [
     "DriverClass",
     "DriverEntry",
     "EchoStripper",
+    "Finding",
     "Frame",
     "Framer",
     "Homable",
@@ -93,12 +104,17 @@ __all__ = [
     "TransportConfig",
     "WorldBelief",
     "WorldClass",
+    "camera_search",
     "dumping_faults",
+    "host_findings",
+    "libraries_of",
     "list_drivers",
     "list_ports",
     "load_driver",
     "load_simulator",
     "load_world",
+    "port_findings",
     "recorded_link",
     "text",
+    "usb_ids_of",
 ]

@@ -8,7 +8,7 @@ looked up, and loaded, only when a cell asks for that name.
 from __future__ import annotations
 
 import difflib
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, cast
 
@@ -78,9 +78,9 @@ def _limited(
         raise ConfigError(
             f"{model.name}: every lower joint limit must be below the upper one"
         )
-    if not is_dataclass(model) or isinstance(model, type):
+    if not hasattr(model, "__dataclass_fields__"):
         raise ConfigError(f"{model.name}: its joint limits cannot be replaced")
-    return replace(model, joint_low=low, joint_high=high)
+    return replace(cast("Gantry | UrArm", model), joint_low=low, joint_high=high)
 
 
 def _plugged_in() -> list[EntryPoint]:
