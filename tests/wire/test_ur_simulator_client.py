@@ -17,7 +17,22 @@ import pytest
 from drivers.simulators.control import ControlClient
 from drivers.simulators.ur import UrSimulator, UrSimulatorConfig
 
-CLIENT = Path(__file__).with_name("ur_client.py")
+HERE = Path(__file__).parent
+IN_TROUBLE = (
+    "protective_stop",
+    "blocking_move_stopped",
+    "emergency_stop",
+    "safeguard_stop",
+    "refused",
+    "refused_late",
+    "foreign_program",
+    "lost_receive",
+    "mute_receive",
+    "malformed",
+    "lost_control",
+    "upper_range",
+    "watchdog",
+)
 HOME = [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]
 THERE = [0.2, -1.4, 1.5, -1.57, -1.57, 0.1]
 # Published check of the UR5e's kinematics, five digits.
@@ -28,10 +43,11 @@ Play = Callable[..., dict[str, Any]]
 
 
 def _play(simulator: UrSimulator, scenario: str, seconds: float) -> str:
+    client = "ur_client_faults.py" if scenario in IN_TROUBLE else "ur_client.py"
     done = subprocess.run(
         [
             sys.executable,
-            str(CLIENT),
+            str(HERE / client),
             scenario,
             simulator.host,
             str(simulator.control_port),

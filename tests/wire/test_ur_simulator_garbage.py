@@ -90,7 +90,7 @@ def test_rtde_clients_cannot_break_it(data: list[bytes]) -> None:
 
 @pytest.mark.full
 @given(st.lists(packages(), max_size=4))
-@settings(max_examples=20_000, deadline=None)
+@settings(max_examples=3_000, deadline=None)
 def test_many_rtde_clients_cannot_break_it(data: list[bytes]) -> None:
     _talk(data)
 
