@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from mvp.kinematics import ArmModel
 
 _FASTEST_RAD_S = 3.14  # the client library refuses more
+_NEXT_TO_NOTHING_M = 1e-6
 _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
@@ -27,12 +28,15 @@ class UrArmConfig(FileModel):
     host: str = Field(min_length=1, description="name or address of the controller")
     model: str = "ur5e"
     serial: str = Field(default="", description="refuse any other robot")
-    tcp_mm: _Three = Field(default_factory=_zeros, description="tool point, tool frame")
-    tcp_rotation_deg: _Three = Field(
+    tcp_mm: _NEXT_TO_NOTHING_M = 1e-6
+_Three = Field(default_factory=_zeros, description="tool point, tool frame")
+    tcp_rotation_deg: _NEXT_TO_NOTHING_M = 1e-6
+_Three = Field(
         default_factory=_zeros, description="rotation vector of the tool point's frame"
     )
     payload_kg: float = Field(ge=0, le=35, description="everything on the flange")
-    payload_cog_mm: _Three = Field(
+    payload_cog_mm: _NEXT_TO_NOTHING_M = 1e-6
+_Three = Field(
         default_factory=_zeros, description="its centre of gravity, tool frame"
     )
     joint_speed_deg_s: float = Field(default=60.0, gt=0, le=180)
@@ -98,5 +102,10 @@ class UrArmConfig(FileModel):
 
     @property
     def payload_cog_m(self) -> list[float]:
-        """The centre of gravity as the controller wants it."""
+        """The centre of gravity as the controller wants it.
+
+        All zeros would mean to the control program: leave the one that is set.
+        """
+        if not any(self.payload_cog_mm):
+            return [0.0, 0.0, _NEXT_TO_NOTHING_M]
         return [value / 1000 for value in self.payload_cog_mm]

@@ -29,6 +29,7 @@ _LOG = logging.getLogger(__name__)
 QUERY_S = 1.0
 _STOP_S = 0.3
 _LEAVE_S = 3.0
+_READ_BACK_S = 3.0
 _ENDING_S = 0.5
 _POLL_S = 0.01
 _DASHBOARD_LESS = 10  # PolyScope X
@@ -324,7 +325,7 @@ class Session:
         found = cast("list[float]", said["tcp_m_rad"])
         if not _same_pose(found, config.tcp_m_rad):
             raise trouble("tool-differs", f"tool point {found}").fault(self.name)
-        deadline = self._clock.now_s() + QUERY_S
+        deadline = self._clock.now_s() + _READ_BACK_S
         while payload and self.payload_differs(self.status()):
             if self._clock.now_s() > deadline:
                 raise trouble("tool-differs", "payload").fault(self.name)

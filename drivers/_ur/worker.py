@@ -15,7 +15,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, BinaryIO, Literal, NoReturn, cast
 
-from drivers._ur.codes import PLAYING
+from drivers._ur.codes import PLAYING, STOPPED
 from drivers._ur.messages import LONGEST, Message, decode, encode
 from drivers._ur.robot import Listener, Mover
 from drivers._ur.status import Implausible, Status
@@ -210,7 +210,7 @@ class Worker:
             self._lose("the program on the robot was started again by somebody else")
         if playing:
             self._program = "runs"
-        elif self._program == "runs":
+        elif self._program == "runs" and status.runtime_state == STOPPED:
             self._program = "ended"
 
 

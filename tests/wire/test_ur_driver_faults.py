@@ -5,6 +5,8 @@ used again once the cause is gone.
 """
 
 import socket
+import subprocess
+import sys
 import threading
 import time
 from contextlib import contextmanager, suppress
@@ -242,6 +244,53 @@ def test_a_link_that_breaks_at_rest_is_noticed_and_can_be_made_again(
         arm.open()
         assert arm.state().standing
         assert not healed.moves_since(since)
+
+
+def test_a_guard_that_was_open_while_the_arm_stood_is_forgotten(healed):
+    with healed.arm() as arm:
+        healed.do("safeguard_stop")
+        time.sleep(0.5)
+        with pytest.raises(DeviceFault, match="guard"):
+            arm.move_joints(HOME, timeout_s=30)
+        healed.do("release")
+        while healed.do("state")["runtime_state"] != "PLAYING":
+            time.sleep(0.01)
+        time.sleep(0.2)
+        assert arm.move_joints(HOME, timeout_s=30).standing
+
+
+START_AND_MOVE = """
+import sys
+from drivers.arm_ur import UrArm
+from mvp.devices import DeviceContext
+config = UrArm.Config(
+    host=sys.argv[1], payload_kg=1.0, joint_speed_deg_s=10, data_timeout_s=2
+)
+arm = UrArm.from_config(config, DeviceContext(), name="arm")
+arm.open()
+print("moving", flush=True)
+arm.move_joints([2.5, -1.57, 1.57, -1.57, -1.57, 0.0], timeout_s=600)
+"""
+
+
+def test_a_process_that_is_killed_leaves_an_arm_that_stands(healed):
+    command = [sys.executable, "-c", START_AND_MOVE, healed.simulator.host]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"moving\n"
+        while healed.do("state")["standing"]:
+            time.sleep(0.01)
+        process.kill()
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end:
+        truth = healed.do("state")
+        if truth["standing"] and truth["program"] is None and not truth["connections"]:
+            break
+        time.sleep(0.05)
+    assert truth["standing"]
+    assert truth["program"] is None
+    assert truth["joints"][0] < 2.4
+    assert not truth["connections"]
 
 
 def test_a_message_of_the_controller_is_ignored(healed):

@@ -114,6 +114,14 @@ def test_tool_and_payload_are_those_of_the_cell_file(ur_shared):
     np.testing.assert_allclose(truth["payload_centre_m"], [0, 0.005, 0.04])
 
 
+def test_a_centre_of_gravity_at_the_flange_replaces_the_one_before(ur_shared):
+    with ur_shared.arm(payload_cog_mm=[0, 30, 60]):
+        pass
+    with ur_shared.arm(payload_cog_mm=[0, 0, 0]):
+        centre_m = ur_shared.do("state")["payload_centre_m"]
+    np.testing.assert_allclose(centre_m, 0, atol=1e-5)
+
+
 def test_closing_ends_the_program_and_opening_again_works(ur_shared):
     bench, arm, before = ur_shared, ur_shared.arm(), ur_shared.do("state")
     for _ in range(3):
