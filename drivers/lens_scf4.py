@@ -37,6 +37,7 @@ class Scf4Lens:
 
     role: ClassVar[Role] = "lens"
     Config = Scf4Config
+    usb_ids: ClassVar[dict[str, str]] = {"0483:5740": "an SCF4"}
 
     product: ClassVar[str] = "the Kurokesu SCF4"
 

@@ -30,6 +30,10 @@ class ViscaLens:
 
     role: ClassVar[Role] = "lens"
     Config = ViscaConfig
+    usb_ids: ClassVar[dict[str, str]] = {
+        "0403:6001": "a VISCA device behind an FTDI adapter",
+        "067b:2303": "a VISCA device behind a Prolific adapter",
+    }
 
     product: ClassVar[str] = "VISCA lenses"
 

@@ -32,7 +32,10 @@ _PACKAGE = "drivers"
 
 
 class DriverClass(Protocol):
-    """A driver as the registry hands it out: the class, not an instance."""
+    """A driver as the registry hands it out: the class, not an instance.
+
+    What else it may have, for ``check`` and ``devices``, is told in ``findings``.
+    """
 
     role: ClassVar[Role]
     Config: ClassVar[type[FileModel]]
