@@ -28,15 +28,12 @@ class UrArmConfig(FileModel):
     host: str = Field(min_length=1, description="name or address of the controller")
     model: str = "ur5e"
     serial: str = Field(default="", description="refuse any other robot")
-    tcp_mm: _NEXT_TO_NOTHING_M = 1e-6
-_Three = Field(default_factory=_zeros, description="tool point, tool frame")
-    tcp_rotation_deg: _NEXT_TO_NOTHING_M = 1e-6
-_Three = Field(
+    tcp_mm: _Three = Field(default_factory=_zeros, description="tool point, tool frame")
+    tcp_rotation_deg: _Three = Field(
         default_factory=_zeros, description="rotation vector of the tool point's frame"
     )
     payload_kg: float = Field(ge=0, le=35, description="everything on the flange")
-    payload_cog_mm: _NEXT_TO_NOTHING_M = 1e-6
-_Three = Field(
+    payload_cog_mm: _Three = Field(
         default_factory=_zeros, description="its centre of gravity, tool frame"
     )
     joint_speed_deg_s: float = Field(default=60.0, gt=0, le=180)
