@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol, Self
 
 from drivers._lens import Deadline, Pace, not_homed, steps_of, warn_untried
 from mvp.devices import Link
-from mvp.errors import DeviceError
+from mvp.errors import DeviceError, LinkLost
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -127,7 +127,7 @@ class MotorLens:
             ConnectError: not open.
             LinkLost, DeviceTimeout, WireError: no sensible answer.
         """
-        self._link.require_open()
+        self._require_link()
         return self._controller.state()
 
     def home(self, *, timeout_s: float) -> LensState:
@@ -154,7 +154,7 @@ class MotorLens:
         Raises:
             LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
         """
-        self._link.require_open()
+        self._require_link()
         targets: Steps = {"zoom": zoom, "focus": focus, "iris": iris}
         axes = self._controller.axes
         axes.check(targets)
@@ -174,6 +174,16 @@ class MotorLens:
         self._link.interrupt()
         if self._link.is_open and not self._controller.session.is_lost:
             self._controller.stop()
+
+    def _require_link(self) -> None:
+        """A controller that is asked nothing would not notice that it is gone."""
+        self._link.require_open()
+        if self._controller.session.is_lost:
+            raise LinkLost(
+                "the link is gone",
+                device=self.name,
+                hint="check cable and supply, close and open it, and home it again",
+            )
 
     @contextmanager
     def _moving(self) -> Iterator[None]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from drivers._gantry.config import GantryConfig
-    from mvp.devices import Ask, DeviceContext
+    from mvp.devices import Accept, Ask, DeviceContext
 
 _LOG = logging.getLogger(__name__)
 _HOLD, _HAL_HOLD, _RESET, _QUERY = b"!", b"\x82", b"\x18", b"?"
@@ -107,7 +107,7 @@ class GrblWire:
         try:
             lines = self._session.request_until(
                 b"$I\n",
-                self._listing,
+                self._listing("[VER"),
                 timeout_s=self._config.answer_s,
                 patience_s=self._config.identify_s,
             )
@@ -260,26 +260,34 @@ class GrblWire:
             raise line_error(_number(said), line, self._name)
         return Take.OTHER
 
-    def _listing(self, frame: bytes) -> Take:
-        """Lines of ``$I`` and ``$$`` up to their ``ok``."""
-        said = text(frame).strip()
-        if said.startswith("error:"):
-            number = _number(said)
-            if number == _NOT_IDLE:
-                raise ConnectError(
-                    "it is moving or held already",
-                    device=self._name,
-                    hint="wait until it stands, or stop whatever else drives it",
-                )
-            raise WireError(f"answers {said} to a question", device=self._name)
-        if said == "ok":
-            return Take.DONE
-        return (
-            Take.PART if said.startswith(("[VER", "[OPT", "[AXS", "$")) else Take.OTHER
+    def _listing(self, head: str) -> Accept:
+        """Takes lines up to their ``ok``; one before the first line is stale."""
+        begun = False
+
+        def accept(frame: bytes) -> Take:
+            nonlocal begun
+            said = text(frame).strip()
+            if said.startswith("error:"):
+                raise self._no_listing(said)
+            if said == "ok":
+                return Take.DONE if begun else Take.OTHER
+            begun = begun or said.startswith(head)
+            known = said.startswith(("[VER", "[OPT", "[AXS", "$"))
+            return Take.PART if known else Take.OTHER
+
+        return accept
+
+    def _no_listing(self, said: str) -> DeviceError:
+        if _number(said) != _NOT_IDLE:
+            return WireError(f"answers {said} to a question", device=self._name)
+        return ConnectError(
+            "it is moving or held already",
+            device=self._name,
+            hint="wait until it stands, or stop whatever else drives it",
         )
 
     def _sync(self, ask: Ask) -> None:
-        ask(b"$I\n", self._listing, timeout_s=self._config.answer_s)
+        ask(b"$I\n", self._listing("[VER"), timeout_s=self._config.answer_s)
 
     def _understood(self, lines: list[str]) -> str:
         """The version; the axes must be those that are configured.
@@ -309,7 +317,7 @@ class GrblWire:
     def _check_settings(self) -> None:
         """Inches would be taken for millimetres."""
         lines = self._session.request_until(
-            b"$$\n", self._listing, timeout_s=self._config.answer_s, tries=3
+            b"$$\n", self._listing("$"), timeout_s=self._config.answer_s, tries=3
         )
         found = dict(
             m.groups() for line in lines if (m := _SETTING.match(text(line).strip()))

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from drivers._gantry.config import GantryConfig
-    from mvp.devices import Ask, DeviceContext
+    from mvp.devices import Accept, Ask, DeviceContext
 
 _LOG = logging.getLogger(__name__)
 _OK = re.compile(r"ok\b")
@@ -100,7 +100,7 @@ class MarlinWire:
         try:
             lines = self._session.request_until(
                 b"M115\n",
-                self._listing,
+                self._listing(),
                 timeout_s=self._config.answer_s,
                 patience_s=self._config.identify_s,
             )
@@ -277,16 +277,23 @@ class MarlinWire:
             )
         return Take.PART if _PLACE.search(said) else Take.OTHER
 
-    def _listing(self, frame: bytes) -> Take:
-        """Lines of ``M115`` up to their ``ok``."""
-        said = text(frame).strip()
-        if _OK.match(said):
-            return Take.DONE
-        known = said.startswith(("FIRMWARE_NAME", "Cap:"))
-        return Take.PART if known else Take.OTHER
+    def _listing(self) -> Accept:
+        """Takes the lines of ``M115`` up to their ``ok``; an earlier one is stale."""
+        named = False
+
+        def accept(frame: bytes) -> Take:
+            nonlocal named
+            said = text(frame).strip()
+            if _OK.match(said):
+                return Take.DONE if named else Take.OTHER
+            named = named or said.startswith("FIRMWARE_NAME")
+            known = said.startswith(("FIRMWARE_NAME", "Cap:"))
+            return Take.PART if known else Take.OTHER
+
+        return accept
 
     def _sync(self, ask: Ask) -> None:
-        ask(b"M115\n", self._listing, timeout_s=self._config.answer_s)
+        ask(b"M115\n", self._listing(), timeout_s=self._config.answer_s)
 
     # ------------------------------------------------------------ unasked
 
