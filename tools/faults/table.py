@@ -1,0 +1,214 @@
+"""What must come of every fault of every device. This page is the promise.
+
+Times are those of a computer that does other things as well; the drivers' own
+deadlines are in the configuration beside each device.
+"""
+
+from __future__ import annotations
+
+from mvp.errors import (
+    ConnectError,
+    DeviceFault,
+    DeviceTimeout,
+    LimitError,
+    LinkLost,
+    MotionStopped,
+    WireError,
+)
+from tools.faults.words import Case, NoSense, order
+
+Row = dict[str, Case | NoSense]
+
+QUIET = (order("noise"),)
+PLUG = (order("replug"),)
+CUT = (order("unplug", reset=True),)
+LATE_S = 1.5  # three times the longest answer that the drivers below wait for
+LOST = (LinkLost, DeviceTimeout)
+
+
+def _line(*, impostor: str, **others: Case | NoSense) -> Row:
+    """What every serial line has in common; the others differ by device."""
+    row: Row = {
+        "refused": Case("the port is gone", "opening", (ConnectError,), 5, CUT, PLUG),
+        "silent": Case(
+            "the line goes mute",
+            "rest",
+            (DeviceTimeout,),
+            8,
+            (order("noise", silence=True),),
+            QUIET,
+        ),
+        "slow": Case(
+            f"every answer comes {LATE_S:g} s late",
+            "rest",
+            (DeviceTimeout,),
+            15,
+            (order("noise", late_s=LATE_S),),
+            QUIET,
+        ),
+        "garbage": Case(
+            "three bits of ten bytes are turned over",
+            "rest",
+            (WireError, DeviceTimeout, DeviceFault),
+            15,
+            (order("noise", flip=0.3, direction="to_host"),),
+            QUIET,
+        ),
+        "dropped at rest": Case(
+            "the cable is pulled", "rest", (LinkLost,), 5, CUT, PLUG
+        ),
+        "dropped in motion": Case(
+            "the cable is pulled", "motion", (LinkLost,), 5, CUT, PLUG
+        ),
+        "wrong identity": Case(
+            f"the port leads to {impostor}",
+            "opening",
+            (ConnectError,),
+            15,
+            impostor=impostor,
+        ),
+        "limit": Case(
+            "a target beyond the range", "rest", (LimitError,), 2, act="beyond"
+        ),
+        "operator stop": Case("`stop()`", "motion", (MotionStopped,), 8, stop=True),
+    }
+    return row | {name.replace("_", " "): case for name, case in others.items()}
+
+
+TABLE: dict[str, Row] = {
+    "gantry, grblHAL": _line(
+        impostor="scf4",
+        half_frame=Case(
+            "the answer that ends the move loses its first bytes",
+            "motion",
+            (DeviceTimeout,),
+            15,
+            (order("drop_next", count=3),),
+            timeout_s=4,
+        ),
+        restarted=Case(
+            "the supply fails for a moment",
+            "motion",
+            (DeviceFault,),
+            5,
+            (order("power_cycle"),),
+            code="GrblHAL",
+        ),
+        alarm=Case(
+            "a limit switch is hit",
+            "motion",
+            (DeviceFault,),
+            5,
+            (order("press", axis="X"),),
+            (order("let_go", axis="X"),),
+            code="ALARM:1",
+            simulator={"hard_limits": True},
+        ),
+    ),
+    "gantry, Marlin": _line(
+        impostor="theia",
+        half_frame=Case(
+            "the answer that ends the move loses its first bytes",
+            "motion",
+            (DeviceTimeout,),
+            25,
+            (order("drop_next", count=2),),
+            timeout_s=4,
+        ),
+        restarted=Case(
+            "the supply fails for a moment",
+            "motion",
+            (DeviceFault,),
+            5,
+            (order("power_cycle"),),
+            code="start",
+        ),
+        alarm=Case(
+            "the board says that it has been killed",
+            "motion",
+            (DeviceFault,),
+            5,
+            (order("say", hex=b"Error:Printer halted. kill() called!\n".hex()),),
+            (order("power_cycle"),),
+            code="Printer halted",
+        ),
+    ),
+    "scf4": _line(
+        impostor="marlin",
+        half_frame=Case(
+            "a status loses its first bytes; it is asked for again",
+            "motion",
+            (),
+            30,
+            (order("drop_next", count=4),),
+        ),
+        restarted=Case(
+            "the supply fails for a moment",
+            "motion",
+            (DeviceFault, DeviceTimeout),
+            8,
+            (order("power_cycle"),),
+        ),
+        alarm=Case(
+            "a motor sticks while it looks for its light barrier",
+            "rest",
+            (DeviceTimeout,),
+            10,
+            (order("stall", axis="zoom"),),
+            (order("release", axis="zoom"),),
+            act="home",
+            timeout_s=3,
+        ),
+    ),
+    "theia-mcr": _line(
+        impostor="grbl",
+        half_frame=Case(
+            "the answer that ends the move loses its first byte",
+            "motion",
+            (DeviceTimeout,),
+            15,
+            (order("drop_next", count=1),),
+        ),
+        restarted=Case(
+            "the supply fails for a moment: no answer ever comes",
+            "motion",
+            (DeviceTimeout,),
+            15,
+            (order("power_cycle"),),
+        ),
+        alarm=Case(
+            "the board says that a motion ended badly",
+            "motion",
+            (DeviceFault,),
+            5,
+            (order("say", hex="74010d"),),
+            code="74 01",
+        ),
+    ),
+    "visca": _line(
+        impostor="scf4",
+        half_frame=Case(
+            "a completion loses its first byte; the position is what counts",
+            "motion",
+            (),
+            30,
+            (order("drop_next", count=1),),
+        ),
+        restarted=Case(
+            "the supply fails for a moment",
+            "motion",
+            (DeviceFault, DeviceTimeout),
+            10,
+            (order("power_cycle"),),
+            patience_s=10,
+        ),
+        alarm=Case(
+            "the focus sticks",
+            "rest",
+            (DeviceFault, DeviceTimeout),
+            15,
+            (order("stall", axis="focus"),),
+            (order("release", axis="focus"),),
+        ),
+    ),
+}
