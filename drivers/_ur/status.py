@@ -81,7 +81,10 @@ class Status:
             name: tuple(value) if isinstance(value, Sequence) else value
             for name, value in data.items()
         }
-        return cls(**values)  # type: ignore[arg-type]
+        try:
+            return cls(**values)  # type: ignore[arg-type]
+        except (TypeError, OverflowError) as error:
+            raise Implausible(str(error)) from error
 
 
 _SIXES = ("joints_rad", "speeds_rad_s", "target_speeds_rad_s", "tcp_m_rad")

@@ -1,0 +1,86 @@
+"""Whatever a dying worker or a broken network says, only our own errors come of it."""
+
+import contextlib
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers._ur.messages import Unreadable, decode, encode
+from drivers._ur.status import Freshness, Implausible, Status
+
+ANGLE = st.floats(-6.3, 6.3)
+SIX = st.tuples(*[ANGLE] * 6)
+STATUS = st.builds(
+    Status,
+    t_controller_s=st.floats(0, 1e7),
+    joints_rad=SIX,
+    speeds_rad_s=SIX,
+    target_speeds_rad_s=SIX,
+    tcp_m_rad=SIX,
+    robot_mode=st.integers(-1, 8),
+    safety_mode=st.integers(1, 13),
+    safety_bits=st.integers(0, 4095),
+    runtime_state=st.integers(0, 5),
+    slider=st.floats(0, 1),
+    payload_kg=st.none() | st.floats(0, 35),
+    payload_cog_m=st.none() | st.tuples(*[ANGLE] * 3),
+)
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=7) | st.dictionaries(st.text(), inner),
+    max_leaves=10,
+)
+
+
+def takes_anything(line: bytes) -> None:
+    with contextlib.suppress(Unreadable):
+        decode(line)
+
+
+def takes_any_status(good: Status, name: str, value: object) -> None:
+    with contextlib.suppress(Implausible):
+        found = Status.from_wire({**good.to_wire(), name: value})
+        assert isinstance(found.standing, bool)
+
+
+@given(STATUS)
+def test_a_status_comes_back_as_it_was_sent(status):
+    again = decode(encode({"status": status.to_wire()}))["status"]
+    assert Status.from_wire(again) == status
+
+
+@given(st.binary(max_size=200))
+def test_any_line_is_a_message_or_unreadable(line):
+    takes_anything(line)
+
+
+@given(STATUS, st.sampled_from(sorted(Status.__dataclass_fields__)), JSON)
+def test_any_status_is_one_or_implausible(good, name, value):
+    takes_any_status(good, name, value)
+
+
+@pytest.mark.full
+@given(st.binary(max_size=200))
+@settings(max_examples=100_000, deadline=None)
+def test_any_line_is_a_message_or_unreadable_at_length(line):
+    takes_anything(line)
+
+
+@pytest.mark.full
+@given(STATUS, st.sampled_from(sorted(Status.__dataclass_fields__)), JSON)
+@settings(max_examples=100_000, deadline=None)
+def test_any_status_is_one_or_implausible_at_length(good, name, value):
+    takes_any_status(good, name, value)
+
+
+@given(st.lists(st.floats(0.001, 0.05), min_size=1, max_size=50), st.floats(0, 5))
+def test_age_is_never_negative_and_grows_in_a_silence(gaps, silence_s):
+    fresh = Freshness()
+    now = stamp = 100.0
+    for gap in gaps:
+        stamp += 0.008
+        now += gap
+        fresh.note(stamp, now)
+        assert fresh.age_s(now) >= 0
+    assert fresh.age_s(now + silence_s) >= silence_s * 0.999 - 1e-9
