@@ -8,6 +8,7 @@ from mvp.cell.check_devices import check_devices
 from mvp.cell.check_host import check_host
 from mvp.cell.check_items import CheckDocument, CheckItem, doubtful, failed, good
 from mvp.cell.loading import load_cell
+from mvp.cell.places import as_stored
 from mvp.cell.plan_job import prepare
 from mvp.cell.session import devices_for
 
@@ -58,7 +59,7 @@ def _calibration(cell: LoadedCell, name: str) -> CheckItem:
     if reason == _UNJUDGED:
         return failed(
             f"calibration {name}",
-            f"{cell.calibrations.files[name]}: {said}: {why}",
+            f"{as_stored(cell.calibrations.files[name], cell.folder)}: {said}: {why}",
             "name a better one in [calibration] of the cell file, or take the "
             "responsibility with --accept-calibration REASON",
         )

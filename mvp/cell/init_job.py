@@ -1,4 +1,4 @@
-"""Copy a bundled cell into a folder of the user's own."""
+"""Copy a bundled cell or a template into a folder of the user's own."""
 
 from __future__ import annotations
 
@@ -6,28 +6,25 @@ import shutil
 from typing import TYPE_CHECKING
 
 from mvp.cell.durable import output_error
-from mvp.cell.places import bundled_names, bundled_root
-from mvp.errors import OutputError, UsageError
+from mvp.cell.places import CELL_FILE, source_folder
+from mvp.errors import OutputError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+_MARK = "# EDIT"
+
 
 def copy_cell(name: str, folder: Path) -> list[str]:
-    """Copy a bundled cell; returns the names of its files.
+    """Copy a bundled cell or a template; returns the names of its files.
 
     The copy is made beside the target and renamed, so that nothing half-written stays.
 
     Raises:
-        UsageError: no bundled cell of that name.
+        UsageError: no bundled cell or template of that name.
         OutputError: the folder is not empty or cannot be written.
     """
-    if name not in bundled_names():
-        raise UsageError(
-            f"no bundled cell is called {name!r}",
-            hint=f"bundled cells: {', '.join(bundled_names()) or 'none'}",
-            where=name,
-        )
+    source = source_folder(name)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise OutputError(
             f"{folder} already exists and is not an empty folder",
@@ -37,7 +34,7 @@ def copy_cell(name: str, folder: Path) -> list[str]:
     partial = folder.with_name(f".{folder.name}.part")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copytree(bundled_root() / name, partial, copy_function=shutil.copyfile)
+        shutil.copytree(source, partial, copy_function=shutil.copyfile)
         if folder.exists():
             folder.rmdir()
         partial.rename(folder)
@@ -47,3 +44,10 @@ def copy_cell(name: str, folder: Path) -> list[str]:
         shutil.rmtree(partial, ignore_errors=True)
     files = (p for p in folder.rglob("*") if p.is_file())
     return sorted(p.relative_to(folder).as_posix() for p in files)
+
+
+def lines_to_edit(folder: Path) -> list[tuple[int, str]]:
+    """Lines of a copied cell file that its author must look at, with their numbers."""
+    text = (folder / CELL_FILE).read_text(encoding="utf-8")
+    numbered = enumerate(text.splitlines(), 1)
+    return [(number, line) for number, line in numbered if _MARK in line]

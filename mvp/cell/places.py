@@ -10,6 +10,7 @@ from mvp.errors import ConfigError, UsageError
 from mvp.fileedge import read_file
 
 CELL_FILE = "cell.toml"
+_TEMPLATES = "templates"
 
 
 def bundled_root() -> Path:
@@ -38,6 +39,33 @@ def bundled_names() -> list[str]:
     return sorted(p.name for p in root.iterdir() if (p / CELL_FILE).is_file())
 
 
+def template_names() -> list[str]:
+    """Names of the templates for real hardware; they are copied, never used in place."""
+    try:
+        root = bundled_root() / _TEMPLATES
+    except ConfigError:
+        return []
+    return sorted(p.parent.name for p in root.glob(f"*/{CELL_FILE}"))
+
+
+def source_folder(name: str) -> Path:
+    """The folder of a bundled cell or of a template.
+
+    Raises:
+        UsageError: neither; all of them are listed.
+    """
+    if name in bundled_names():
+        return bundled_root() / name
+    if name in template_names():
+        return bundled_root() / _TEMPLATES / name
+    raise UsageError(
+        f"no bundled cell is called {name!r}",
+        hint=f"bundled cells: {', '.join(bundled_names()) or 'none'}; templates for real "
+        f"hardware: {', '.join(template_names()) or 'none'}",
+        where=name,
+    )
+
+
 def find_cell(cell: str) -> Path:
     """The ``cell.toml`` of a path or a bundled name; a path wins.
 
@@ -51,6 +79,12 @@ def find_cell(cell: str) -> Path:
         return (path / CELL_FILE).resolve()
     if cell in bundled_names():
         return (bundled_root() / cell / CELL_FILE).resolve()
+    if cell in template_names():
+        raise UsageError(
+            f"{cell} is a template, not a cell",
+            hint=f"`mvp-cell init DIR --from {cell}` makes a cell of it, to edit",
+            where=cell,
+        )
     where = f"{path}" if not path.is_dir() else f"{path}/{CELL_FILE}"
     raise UsageError(
         f"no cell called {cell!r}: {where} does not exist and no bundled cell has "

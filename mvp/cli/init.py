@@ -13,19 +13,26 @@ from mvp.cli.options import JsonOption
 def init(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="a new folder")],
     source: Annotated[
-        str, typer.Option("--from", metavar="NAME", help="which bundled cell to copy")
+        str, typer.Option("--from", metavar="NAME", help="bundled cell or template")
     ] = "virtual",
     as_json: JsonOption = False,
 ) -> int:
     """Copy a bundled cell with its task, part and calibration files, to edit."""
     from mvp.cell.documents import InitDocument
-    from mvp.cell.init_job import copy_cell
+    from mvp.cell.init_job import copy_cell, lines_to_edit
     from mvp.cli.output import console, print_model
 
     files = copy_cell(source, folder)
     lines = console()
     lines.print(f"{len(files)} files of the {source} cell are now in {folder}")
-    lines.print(f"next: edit {folder / 'cell.toml'}, then `mvp-cell run {folder}`")
+    edits = lines_to_edit(folder)
+    if edits:
+        lines.print(f"edit these {len(edits)} lines of {folder / 'cell.toml'}:")
+        for number, line in edits:
+            lines.print(f"{number:5d}  {line.strip()}", markup=False, highlight=False)
+        lines.print(f"then `mvp-cell check {folder}`, which moves nothing")
+    else:
+        lines.print(f"next: edit {folder / 'cell.toml'}, then `mvp-cell run {folder}`")
     if as_json:
         print_model(InitDocument(folder=str(folder), files=files))
     return 0
