@@ -173,6 +173,7 @@ class TheiaWire:
         self._config = config
         self._on_late = on_late
         motors = config.motors().values()
+        self._unanswered = False  # a motion that may still go on
         self._longest_s = max(2.0 * motor.steps / motor.speed for motor in motors)
         self.session = Session(
             context.transports(config, name),
@@ -253,7 +254,9 @@ class TheiaWire:
             DeviceFault: it did not end well.
             DeviceTimeout, LinkLost, ConnectError: see ``Session.request``.
         """
+        self._unanswered = True
         (answer,) = self.session.request(frame, _is(_DONE), timeout_s=timeout_s)
+        self._unanswered = False
         if answer[1] != 0:
             raise DeviceFault(
                 "a motion ended badly",
@@ -273,15 +276,19 @@ class TheiaWire:
         ask(
             bytes([_FIRMWARE, _END]),
             _is(_FIRMWARE),
-            timeout_s=self._config.answer_s + self._longest_s,
+            timeout_s=self._config.answer_s + self._unanswered * self._longest_s,
         )
-        self._on_late()
+        self._has_ended()
 
     def _unasked(self, frame: bytes) -> bool:
         """The board says nothing unasked: this is an answer that came too late."""
         if frame[0] == _DONE:
-            self._on_late()
+            self._has_ended()
         return False
+
+    def _has_ended(self) -> None:
+        self._unanswered = False
+        self._on_late()
 
     def _unknown(self, axis: Axis) -> DeviceFault:
         return DeviceFault(

@@ -39,8 +39,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _READ_S = 0.1  # how often the reader looks whether it shall end
-_JOIN_S = 5.0
-_DRAIN_LIMIT_S = 10.0
+_JOIN_S, _DRAIN_LIMIT_S = 5.0, 10.0
 
 
 def _no_push(frame: bytes) -> bool:
@@ -63,7 +62,7 @@ class Session:
         on_lost: told once when the link is lost, on the reader's thread.
         strip_echo: the link returns what is sent.
         quiet_s: silence after which no late answer is expected.
-        dump_folder: where the traffic goes when a command fails; None writes nothing.
+        dump_folder: where the traffic of a failed command goes; None for nowhere.
     """
 
     def __init__(
@@ -169,8 +168,8 @@ class Session:
 
         Args:
             data: the bytes of the command.
-            accept: told every frame until the answer is complete. A ``MvpCellError``
-                that it raises is the end of the command. Runs on the reader's thread.
+            accept: told every frame until the answer is complete, on the reader's
+                thread. A ``MvpCellError`` that it raises ends the command.
             timeout_s: from sending, or from the last sign of life; the wait for
                 another command's end comes before it and takes at most as long.
             optional: the device may leave it unanswered; that is no error then.
@@ -270,7 +269,7 @@ class Session:
             self._step_in()
 
     def drain(self) -> None:
-        """Wait until nothing unexpected comes any more; what comes is still handled.
+        """Wait until nothing unexpected comes any more, handling what comes.
 
         Raises:
             WireError: it never falls silent.
@@ -281,11 +280,8 @@ class Session:
             left_s := self._last_stray_s + self._quiet_s - self._clock.now_s()
         ) > 0 and self._lost is None:
             if self._clock.now_s() > end_s:
-                raise WireError(
-                    "does not fall silent",
-                    device=self._name,
-                    hint="check shield, ground and baud",
-                )
+                hint = "check shield, ground and baud"
+                raise WireError("does not fall silent", device=self._name, hint=hint)
             self._clock.wait(self._ending, left_s)
         self._forget_partial = True
 
@@ -304,7 +300,12 @@ class Session:
         _LOG.info("%s: out of step, waiting for quiet", self._name)
         self.drain()
         if self._sync is not None:
-            self._sync(self._exchange)
+            try:
+                self._sync(self._exchange)
+            except DeviceTimeout:
+                # Half a command in the device's buffer has swallowed the question.
+                self.drain()
+                self._sync(self._exchange)
         self._out_of_step = False
 
     def _exchange(
@@ -331,9 +332,8 @@ class Session:
 
     def _require(self) -> None:
         if self._reader is None:
-            raise ConnectError(
-                "not connected", device=self._name, hint="call open() first"
-            )
+            hint = "call open() first"
+            raise ConnectError("not connected", device=self._name, hint=hint)
         if self._lost is not None:
             raise self._lost_error()
 
@@ -395,6 +395,6 @@ class Session:
             first, self._lost = self._lost is None, said
         self.abort(self._lost_error())
         if first:
-            _LOG.warning("%s: %s", self._name, self._lost)
-            if self._on_lost is not None:
-                self._on_lost(error)
+            _LOG.warning("%s: %s", self._name, said)
+        if first and self._on_lost is not None:
+            self._on_lost(error)

@@ -162,7 +162,7 @@ def test_a_failed_resynchronisation_sends_no_command(talk) -> None:
     for _ in range(2):
         with pytest.raises(DeviceTimeout):
             t.session.request(b"move\n", ok_ends, timeout_s=0.05)
-    assert t.wire.sent == [b"move\n", b"$S\n"]
+    assert t.wire.sent == [b"move\n", b"$S\n", b"$S\n"]
     assert t.session.out_of_step
 
 
@@ -340,3 +340,24 @@ def test_an_answer_that_comes_twice_at_once_does_not_meet_the_next_command(
         answer = t.session.request(b"%d\n" % k, ok_ends, timeout_s=5)
         assert answer == (b"$%d" % k, b"ok")
     assert t.session.stray_frames == 600
+
+
+def test_half_a_command_in_the_device_swallows_one_question_only(talk) -> None:
+    """The line feed of a command was lost: the first question ends that line."""
+    held = b""
+
+    def device(data: bytes) -> bytes:
+        nonlocal held
+        line, held = held + data, b""
+        if not line.endswith(b"\n"):
+            held = line
+            return b""
+        return b"me\n" if line == b"$S\n" else b"ok\n" if line == b"G1\n" else b"?\n"
+
+    def sync(ask) -> None:
+        ask(b"$S\n", lambda f: Take.DONE if f == b"me" else Take.OTHER, timeout_s=0.05)
+
+    t = talk(device, sync=sync)
+    with pytest.raises(DeviceTimeout):
+        t.session.request(b"G1", ok_ends, timeout_s=0.05)
+    assert t.session.request(b"G1\n", ok_ends, timeout_s=5) == (b"ok",)
