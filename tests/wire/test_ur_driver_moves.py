@@ -88,6 +88,7 @@ def test_no_caller_is_faster_than_the_ceilings(ur_shared):
     np.testing.assert_allclose(speeds, [[40, 70], [20, 70]], atol=1e-6)
 
 
+@pytest.mark.full
 def test_a_heavy_arm_is_held_to_its_own_slowest_joint(ur_bench):
     bench = ur_bench(model="ur10e")
     with bench.arm(model="ur10e", joint_speed_deg_s=180) as arm:
@@ -185,7 +186,7 @@ def test_two_robots_move_at_the_same_time(ur_bench):
         pytest.param("3.15"),
         pytest.param("e5.21", marks=pytest.mark.full),
         pytest.param("e5.23", marks=pytest.mark.full),
-        pytest.param("x10.11"),
+        pytest.param("x10.11", marks=pytest.mark.full),
     ],
 )
 def test_every_generation_of_controllers_is_driven(ur_bench, profile):
