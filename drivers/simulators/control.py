@@ -7,20 +7,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import socket
-import socketserver
 import threading
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, BinaryIO, Self
+
+from drivers.simulators.line_server import LOOPBACK, LineServer
 
 if TYPE_CHECKING:
     from types import TracebackType
 
 Verb = Callable[[Mapping[str, object]], Mapping[str, object] | None]
-LOOPBACK = "127.0.0.1"
-_LINE_MAX = 65536
 
 
 class ControlRefused(Exception):
@@ -55,13 +53,13 @@ class ControlServer:
     def __init__(self, verbs: Mapping[str, Verb], *, port: int = 0) -> None:
         self._verbs = verbs
         self._asked_port = port
-        self._server: _Server | None = None
-        self._thread: threading.Thread | None = None
+        self._turn = threading.Lock()
+        self._server: LineServer | None = None
 
     @property
     def port(self) -> int:
         """Where it listens on 127.0.0.1; 0 when it does not."""
-        return self._server.server_address[1] if self._server else 0
+        return self._server.port if self._server else 0
 
     def start(self) -> None:
         """Listen.
@@ -69,23 +67,20 @@ class ControlServer:
         Raises:
             OSError: the port is taken.
         """
-        self._server = _Server(self._verbs, self._asked_port)
-        self._thread = threading.Thread(
-            target=self._server.serve_forever,
-            kwargs={"poll_interval": 0.05},
-            name="simulator-control",
+        self._server = LineServer(
+            self._handle, name="simulator-control", port=self._asked_port
         )
-        self._thread.start()
 
     def stop(self) -> None:
         """Stop listening and close every connection."""
-        if self._server is None or self._thread is None:
-            return
-        self._server.shutdown()
-        self._server.hang_up()
-        self._server.server_close()
-        self._thread.join()
-        self._server = self._thread = None
+        server, self._server = self._server, None
+        if server is not None:
+            server.stop()
+
+    def _handle(self, line: bytes, out: BinaryIO) -> None:
+        with self._turn:
+            said = answer(line, self._verbs)
+        out.write(said)
 
 
 class ControlClient:
@@ -131,43 +126,3 @@ class ControlClient:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-
-class _Server(socketserver.ThreadingTCPServer):
-    allow_reuse_address = True
-    daemon_threads = False
-
-    def __init__(self, verbs: Mapping[str, Verb], port: int) -> None:
-        self.verbs = verbs
-        self.turn = threading.Lock()
-        self.connections: set[socket.socket] = set()
-        super().__init__((LOOPBACK, port), _Handler)
-
-    def hang_up(self) -> None:
-        """Wake the threads that wait for a line."""
-        with self.turn:
-            for connection in self.connections:
-                with contextlib.suppress(OSError):
-                    connection.shutdown(socket.SHUT_RDWR)
-
-
-class _Handler(socketserver.StreamRequestHandler):
-    server: _Server
-
-    def setup(self) -> None:
-        super().setup()
-        with self.server.turn:
-            self.server.connections.add(self.connection)
-
-    def handle(self) -> None:
-        with contextlib.suppress(OSError):
-            while line := self.rfile.readline(_LINE_MAX):
-                with self.server.turn:
-                    said = answer(line, self.server.verbs)
-                self.wfile.write(said)
-
-    def finish(self) -> None:
-        with self.server.turn:
-            self.server.connections.discard(self.connection)
-        with contextlib.suppress(OSError):
-            super().finish()

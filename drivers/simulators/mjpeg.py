@@ -20,7 +20,8 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
-from drivers.simulators.control import LOOPBACK, ControlServer
+from drivers.simulators.control import ControlServer
+from drivers.simulators.line_server import LOOPBACK
 from drivers.simulators.mjpeg_shutter import Faults, MjpegSimulatorConfig, Shutter
 
 if TYPE_CHECKING:

@@ -7,14 +7,14 @@ server read the same monotonic clock of the same machine.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import socket
-import socketserver
 import threading
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, BinaryIO, cast
 
 import numpy as np
+
+from drivers.simulators.line_server import LOOPBACK, LineServer
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from drivers.simulators.world_port import WorldPort
 
-_LOOPBACK = "127.0.0.1"
 _LINE_MAX = 65536
 _GREY = {"uint8": np.uint8, "uint16": np.uint16}
 
@@ -32,28 +31,53 @@ class WorldServer:
     """Offers a world to simulators that live in other processes."""
 
     def __init__(self, world: WorldPort) -> None:
-        self._server = _Server(world)
-        self._thread = threading.Thread(
-            target=self._server.serve_forever,
-            kwargs={"poll_interval": 0.05},
-            name="world-link",
-        )
+        self._world = world
+        self._server: LineServer | None = None
 
     @property
     def address(self) -> str:
-        """``127.0.0.1:port``."""
-        return f"{_LOOPBACK}:{self._server.server_address[1]}"
+        """``127.0.0.1:port``; the port is 0 when it does not listen."""
+        return f"{LOOPBACK}:{self._server.port if self._server else 0}"
 
     def start(self) -> None:
         """Begin to answer."""
-        self._thread.start()
+        self._server = LineServer(self._do, name="world-link")
 
     def stop(self) -> None:
         """Hang up on everybody."""
-        self._server.shutdown()
-        self._server.hang_up()
-        self._server.server_close()
-        self._thread.join()
+        server, self._server = self._server, None
+        if server is not None:
+            server.stop()
+
+    def _do(self, line: bytes, out: BinaryIO) -> None:
+        """One request; what the world refuses is answered only where it is asked."""
+        asked, world = json.loads(line), self._world
+        match asked["do"]:
+            case "arm":
+                world.report_arm(asked["t_s"], asked["joints"])
+            case "lens":
+                world.report_lens(asked["t_s"], asked["steps"])
+            case "size":
+                _say(out, {"size": world.frame_size()})
+            case "frame":
+                self._picture(asked, out)
+            case other:
+                _say(out, {"error": f"no request {other!r}"})
+
+    def _picture(self, asked: dict[str, float], out: BinaryIO) -> None:
+        grey = self._world.frame(
+            asked["start_s"],
+            asked["exposure_s"],
+            gain=asked["gain"],
+            index=int(asked["index"]),
+        )
+        shape, kind = list(grey.shape), grey.dtype.name
+        _say(out, {"shape": shape, "dtype": kind, "bytes": grey.nbytes})
+        out.write(grey.tobytes())
+
+
+def _say(out: BinaryIO, message: dict[str, object]) -> None:
+    out.write(json.dumps(message).encode() + b"\n")
 
 
 class WorldClient:
@@ -127,69 +151,3 @@ class WorldClient:
         if "error" in said:
             raise ConnectionError(f"the world refused: {said['error']}")
         return said
-
-
-class _Server(socketserver.ThreadingTCPServer):
-    allow_reuse_address = True
-    daemon_threads = False
-
-    def __init__(self, world: WorldPort) -> None:
-        self.world = world
-        self.turn = threading.Lock()
-        self.connections: set[socket.socket] = set()
-        super().__init__((_LOOPBACK, 0), _Handler)
-
-    def hang_up(self) -> None:
-        """Wake the threads that wait for a line."""
-        with self.turn:
-            for connection in self.connections:
-                with contextlib.suppress(OSError):
-                    connection.shutdown(socket.SHUT_RDWR)
-
-
-class _Handler(socketserver.StreamRequestHandler):
-    server: _Server
-
-    def setup(self) -> None:
-        super().setup()
-        with self.server.turn:
-            self.server.connections.add(self.connection)
-
-    def handle(self) -> None:
-        with contextlib.suppress(OSError):
-            while line := self.rfile.readline(_LINE_MAX):
-                self._do(line)
-
-    def _do(self, line: bytes) -> None:
-        """One request; what the world refuses is answered only where it is asked."""
-        asked, world = json.loads(line), self.server.world
-        match asked["do"]:
-            case "arm":
-                world.report_arm(asked["t_s"], asked["joints"])
-            case "lens":
-                world.report_lens(asked["t_s"], asked["steps"])
-            case "size":
-                self._say({"size": world.frame_size()})
-            case "frame":
-                self._picture(asked)
-            case other:
-                self._say({"error": f"no request {other!r}"})
-
-    def _picture(self, asked: dict[str, float]) -> None:
-        grey = self.server.world.frame(
-            asked["start_s"],
-            asked["exposure_s"],
-            gain=asked["gain"],
-            index=int(asked["index"]),
-        )
-        self._say({"shape": grey.shape, "dtype": grey.dtype.name, "bytes": grey.nbytes})
-        self.wfile.write(grey.tobytes())
-
-    def _say(self, message: dict[str, object]) -> None:
-        self.wfile.write(json.dumps(message).encode() + b"\n")
-
-    def finish(self) -> None:
-        with self.server.turn:
-            self.server.connections.discard(self.connection)
-        with contextlib.suppress(OSError):
-            super().finish()

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import logging
-import queue
-import subprocess
-import sys
-import threading
 from typing import TYPE_CHECKING, ClassVar, Self, cast
 
 from pydantic import Field
 
-from mvp.errors import ConnectError
+from drivers.simulators.own_process import OwnProcess
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
-    from drivers.simulators.world_link import WorldServer
     from drivers.simulators.world_port import WorldPort
     from mvp.devices import DeviceContext
 
 _LOG = logging.getLogger(__name__)
 _START_S = 20.0
-_END_S = 5.0
 # It renders while the driver waits, on whatever computer runs the simulation.
 _PATIENCE_S = 10.0
 
@@ -62,9 +55,7 @@ class GigeSimulator:
         self.name = name
         self._config = config
         self._world = world
-        self._server: WorldServer | None = None
-        self._process: subprocess.Popen[bytes] | None = None
-        self._ready: dict[str, object] = {}
+        self._process: OwnProcess | None = None
 
     @classmethod
     def from_config(
@@ -78,12 +69,12 @@ class GigeSimulator:
     @property
     def control_port(self) -> int:
         """Of the fault channel on 127.0.0.1; 0 while it does not run."""
-        return int(str(self._ready.get("control_port", 0)))
+        return int(str(self._said("control_port", 0)))
 
     @property
     def host(self) -> str:
         """The address it answers on; empty while it does not run."""
-        return str(self._ready.get("address", ""))
+        return str(self._said("address", ""))
 
     @property
     def pid(self) -> int:
@@ -98,10 +89,12 @@ class GigeSimulator:
         """
         config = self._config
         if self._process is None:
-            self._process = subprocess.Popen(
-                self._command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            self._process = OwnProcess(
+                self._command(),
+                name=self.name,
+                ready_s=_START_S + config.wait_s,
+                world=self._world,
             )
-            self._ready = self._first_line(self._process)
             _LOG.debug("%s: answers on %s", self.name, self.host)
         return {
             "address": self.host,
@@ -114,12 +107,8 @@ class GigeSimulator:
     def stop(self) -> None:
         """End the process; more than once is allowed."""
         process, self._process = self._process, None
-        self._ready = {}
         if process is not None:
-            _end(process)
-        server, self._server = self._server, None
-        if server is not None:
-            server.stop()
+            process.end()
 
     def __enter__(self) -> Self:
         self.start()
@@ -139,57 +128,9 @@ class GigeSimulator:
             "lost-per-thousand": config.lost_per_thousand,
             "wait": config.wait_s,
         }
-        command = [sys.executable, "-m", "drivers.simulators.gige", "--end-with-stdin"]
+        command = ["drivers.simulators.gige"]
         command += [f"--{key}={value}" for key, value in options.items()]
-        world = self._world_address()
-        return command + ([f"--world={world}"] if world else [])
+        return command + ([f"--world={config.world}"] if config.world else [])
 
-    def _world_address(self) -> str:
-        """Where the process finds the world; serves the cell's own when it must."""
-        if self._world is None:
-            return self._config.world
-        from drivers.simulators.world_link import WorldServer
-
-        self._server = WorldServer(self._world)
-        self._server.start()
-        return self._server.address
-
-    def _first_line(self, process: subprocess.Popen[bytes]) -> dict[str, object]:
-        """What it says when it is ready.
-
-        Raises:
-            ConnectError: nothing in time, or that it could not start.
-        """
-        lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        stdout = process.stdout
-        if stdout is None:
-            raise ValueError("the process has no standard output")
-        reader = threading.Thread(
-            target=lambda: lines.put(stdout.readline()), name="gige-ready", daemon=True
-        )
-        reader.start()
-        try:
-            said = json.loads(lines.get(timeout=_START_S + self._config.wait_s))
-        except (queue.Empty, ValueError):
-            said = {"message": "it ended, or said nothing in time"}
-        if not said.get("ready"):
-            self.stop()
-            raise ConnectError(
-                f"the simulated camera does not start: {said.get('message')}",
-                device=self.name,
-                hint="end the other simulated camera; Debian has the library in "
-                "libaravis-0.8-0",
-            )
-        return dict(said)
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    if process.stdin is not None:
-        process.stdin.close()
-    try:
-        process.wait(_END_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-    if process.stdout is not None:
-        process.stdout.close()
+    def _said(self, key: str, otherwise: object) -> object:
+        return self._process.ready[key] if self._process else otherwise

@@ -8,7 +8,8 @@ import math
 from collections.abc import Mapping
 from typing import cast
 
-from drivers.simulators.control import LOOPBACK, Verb, answer
+from drivers.simulators.control import Verb, answer
+from drivers.simulators.line_server import LOOPBACK
 from drivers.simulators.ur.safety import RobotMode
 from drivers.simulators.ur.server import RTDE_PORT, Controller
 from drivers.simulators.ur.sessions import RtdeSession
