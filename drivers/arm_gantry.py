@@ -18,6 +18,12 @@ from drivers._gantry.axes import GantryAxes
 from drivers._gantry.config import GantryConfig
 from drivers._gantry.grbl_wire import GrblWire
 from drivers._gantry.marlin_wire import MarlinWire
+from drivers._gantry.verdicts import (
+    refuse_held,
+    require_arrived,
+    require_marks,
+    require_ready,
+)
 from drivers._gantry.wire import Activity
 from mvp.devices import (
     ArmState,
@@ -27,7 +33,12 @@ from mvp.devices import (
     RecoveryStep,
     Role,
 )
-from mvp.errors import DeviceError, DeviceFault, DeviceTimeout, LimitError
+from mvp.errors import (
+    ConnectError,
+    DeviceError,
+    DeviceTimeout,
+    MotionStopped,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -36,6 +47,7 @@ if TYPE_CHECKING:
     from mvp.geometry import FloatArray
 
 _LOG = logging.getLogger(__name__)
+_LAST_REST_S = 8.0  # to come to rest before the port is closed
 _MARK_SPEED = 0.3  # share of full speed on the way to the marks
 
 
@@ -63,17 +75,24 @@ class GantryArm:
         self._config = config
         self._clock = context.clock
         self._axes = GantryAxes(config, name)
+        self._stopping = threading.Event()
         wire = MarlinWire if config.firmware == "marlin" else GrblWire
         self._wire: GantryWire = wire(
-            config, context, name, on_home_lost=self._lose_home
+            config,
+            context,
+            name,
+            on_home_lost=self._lose_home,
+            stopping=self._stopping,
         )
         self._link = Link(
             name, context.clock, connect=self._connect, disconnect=self._disconnect
         )
         self._lock = threading.Lock()
+        self._sending_stop = threading.Lock()
+        self._idle = threading.Event()
+        self._idle.set()
         self._homed = False
         self._identity: Identity | None = None
-        self._stopping = threading.Event()
 
     @classmethod
     def from_config(
@@ -110,7 +129,7 @@ class GantryArm:
             self.name,
             "gantry",
             self._config.model,
-            self._config.serial,
+            self._config.serial or (identity.serial if identity else ""),
             f"{identity.firmware} {identity.version}" if identity else "",
             simulated=False,
             extra={
@@ -163,12 +182,12 @@ class GantryArm:
             DeviceTimeout, MotionStopped: see the protocol.
         """
         self._link.require_open()
-        with self._wire.dumping(), self._link.busy(self._stopping.clear):
+        with self._wire.dumping(), self._acting():
             self._lose_home("homing")
             with self._stopped_cleanly():
                 self._wire.home(timeout_s=min(timeout_s, self._config.homing_s))
                 self._show_declared(timeout_s)
-            self._check_declared(self._wire.report())
+            require_marks(self._wire.report(), self._config.axes, self.name)
             with self._lock:
                 self._homed = True
         return self.state()
@@ -184,7 +203,7 @@ class GantryArm:
         self._link.require_open()
         target = self._axes.checked(joints)
         share = _share(speed_fraction)
-        with self._wire.dumping(), self._link.busy(self._stopping.clear):
+        with self._wire.dumping(), self._acting():
             here = self._ready()
             feed = self._axes.feed_min(here, target, share)
             with self._stopped_cleanly():
@@ -198,10 +217,10 @@ class GantryArm:
         """Stop now, from any thread; a homing that is stopped loses the position."""
         if not self._link.is_open or self._wire.is_lost:
             return
-        self._stopping.set()
-        self._link.interrupt()
-        if self._link.interrupted:
-            self._wire.halt()
+        with self._sending_stop:
+            self._stopping.set()
+            if self._link.interrupt():
+                self._wire.halt()
 
     def recovery(self) -> Iterator[RecoveryStep]:
         """Out of an alarm: reset, then home; each step is for a person to allow.
@@ -228,7 +247,7 @@ class GantryArm:
 
     def _connect(self) -> None:
         try:
-            self._identity = self._wire.open()
+            self._identity = self._recognised(self._wire.open())
             report = self._wire.report()
         except BaseException:
             self._wire.close()
@@ -237,11 +256,24 @@ class GantryArm:
             self._homed = report.homed is True
         _LOG.warning("%s: this driver was not tried on hardware yet", self.name)
 
+    def _recognised(self, identity: Identity) -> Identity:
+        """Another machine of the same make has other calibrations."""
+        wanted = self._config.serial
+        if wanted and identity.serial and wanted != identity.serial:
+            raise ConnectError(
+                f"this is the machine {identity.serial}, not {wanted}",
+                device=self.name,
+                hint="connect the other port, or correct serial in [arm]",
+            )
+        return identity
+
     def _disconnect(self) -> None:
         with suppress(DeviceError):
             self.stop()
+        self._idle.wait(_LAST_REST_S)
         self._wire.close()
-        self._lose_home("disconnected")
+        with self._lock:
+            self._homed = False
 
     def _lose_home(self, why: str) -> None:
         with self._lock:
@@ -252,13 +284,7 @@ class GantryArm:
     def _refuse_alarm(self, report: Report) -> None:
         if report.activity is Activity.ALARM and self._homed:
             self._lose_home(report.state)
-        if report.activity is Activity.HELD:
-            raise DeviceFault(
-                f"is held ({report.state})",
-                device=self.name,
-                code=report.state,
-                hint="`mvp-cell recover CELL` walks the way back",
-            )
+        refuse_held(report, self.name)
 
     def _state_of(self, report: Report) -> ArmState:
         joints = self._axes.joints(report.machine)
@@ -270,20 +296,27 @@ class GantryArm:
         """Joints it starts from; refuses when it should not move at all."""
         report = self._wire.report()
         self._refuse_alarm(report)
-        if not self._homed:
-            raise LimitError(
-                "not homed; nothing has moved",
-                device=self.name,
-                hint="`mvp-cell home CELL`, with nothing in the way of the axes",
-            )
-        if report.activity is not Activity.STANDS:
-            raise DeviceFault(
-                f"cannot move now: {report.state}",
-                device=self.name,
-                code=report.state,
-                hint="does something else drive it?",
-            )
+        require_ready(report, self.name, homed=self._homed)
         return np.array(self._axes.joints(report.machine))
+
+    def _begin(self) -> None:
+        self._stopping.clear()
+        self._idle.clear()
+
+    @contextmanager
+    def _acting(self) -> Iterator[None]:
+        """One motion; a stop in its very last moment leaves no hold behind."""
+        try:
+            with self._link.busy(self._begin):
+                yield
+        finally:
+            with self._sending_stop:  # its byte must not meet a machine at rest
+                stopped = self._stopping.is_set()
+            if stopped:
+                self._come_to_rest()
+            self._idle.set()
+        if stopped:
+            raise MotionStopped("stopped as it came to rest", device=self.name)
 
     @contextmanager
     def _stopped_cleanly(self) -> Iterator[None]:
@@ -291,6 +324,8 @@ class GantryArm:
         try:
             yield
         except DeviceTimeout as error:
+            if self._stopping.is_set():
+                raise MotionStopped("stopped", device=self.name) from error
             with suppress(DeviceError):
                 self._wire.halt()
             self._come_to_rest()
@@ -300,7 +335,7 @@ class GantryArm:
                 hint="is its speed configured too high, or does something block it?",
             ) from error
         except BaseException:
-            if not self._wire.is_lost:
+            if not self._stopping.is_set():
                 self._come_to_rest()
             raise
 
@@ -313,21 +348,9 @@ class GantryArm:
         self._clock.wait(self._stopping, self._config.settle_s)
 
     def _arrived(self, target: FloatArray) -> ArmState:
-        """Where it stands.
-
-        Raises:
-            DeviceFault: elsewhere: a byte was lost, or the firmware clamped it.
-        """
+        """Where it stands: a lost byte or a clamped target shows here."""
         report = self._wire.report()
-        off = self._axes.off(report.machine, target)
-        if report.activity is not Activity.STANDS or off:
-            raise DeviceFault(
-                f"stands elsewhere ({report.state}): off by {off or 'nothing'}",
-                device=self.name,
-                code="position",
-                hint="is the line disturbed, or the target beyond the machine's own "
-                "end-stops?",
-            )
+        require_arrived(report, self._axes.off(report.machine, target), self.name)
         return self._state_of(report)
 
     def _show_declared(self, timeout_s: float) -> None:
@@ -344,19 +367,6 @@ class GantryArm:
             timeout_s=timeout_s,
         )
         _LOG.warning("%s: are the axes %s at their marks?", self.name, ", ".join(marks))
-
-    def _check_declared(self, report: Report) -> None:
-        """An axis that nothing measures must be where the configuration says."""
-        for axis in self._config.axes:
-            at = report.machine[axis.letter]
-            if axis.declared and abs(at - axis.declared_at) > axis.tolerance:
-                raise DeviceFault(
-                    f"axis {axis.letter} reads {at:g}, declared {axis.declared_at:g}",
-                    device=self.name,
-                    code="declared",
-                    hint="put it to its mark by hand and switch the controller off and "
-                    "on, so that it counts from there",
-                )
 
 
 def _share(speed_fraction: float) -> float:

@@ -50,7 +50,7 @@ class GantryAxes:
     def machine(self, joints: FloatArray) -> FloatArray:
         """Machine coordinates (n,), mm or deg."""
         values = np.where(self._turns, np.degrees(joints), joints)
-        return np.round(self._sign * values + self._zero, _DIGITS)
+        return np.asarray(np.round(self._sign * values + self._zero, _DIGITS))
 
     def checked(self, joints: Sequence[float]) -> FloatArray:
         """Joints as an array.

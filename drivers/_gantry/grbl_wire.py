@@ -8,11 +8,16 @@ compared with where they were sent.
 from __future__ import annotations
 
 import logging
-import re
 import threading
 from typing import TYPE_CHECKING
 
 from drivers._gantry.codes import alarm_fault, line_error, loses_home
+from drivers._gantry.grbl_identity import (
+    error_number,
+    identity_of,
+    listing,
+    refuse_inches,
+)
 from drivers._gantry.grbl_report import ReportReader
 from drivers._gantry.wire import Activity, Identity, Report
 from mvp.devices import LineFramer, Session, Take, text
@@ -22,7 +27,6 @@ from mvp.errors import (
     DeviceFault,
     DeviceTimeout,
     MotionStopped,
-    WireError,
 )
 
 if TYPE_CHECKING:
@@ -30,15 +34,12 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from drivers._gantry.config import GantryConfig
-    from mvp.devices import Accept, Ask, DeviceContext
+    from mvp.devices import Ask, DeviceContext
 
 _LOG = logging.getLogger(__name__)
 _HOLD, _HAL_HOLD, _RESET, _QUERY = b"!", b"\x82", b"\x18", b"?"
-_VERSION = re.compile(r"\[VER:([^\]]*)\]")
-_AXES = re.compile(r"\[AXS:\d+:([XYZABCUVW]+)\]")
-_SETTING = re.compile(r"\$(\d{1,3})=(-?[\d.]+)")
-_NOT_IDLE = 8
 _BANNER_S = 5.0
+_GREETING_S = 2.0
 _BRAKING_S = 5.0
 _POLL_S = 0.03
 
@@ -51,6 +52,7 @@ class GrblWire:
         context: clock, links, where traffic is written after a fault.
         name: of the device.
         on_home_lost: told when the position is not known any more.
+        stopping: set while a motion shall end; no further line of it is sent then.
     """
 
     def __init__(
@@ -60,8 +62,10 @@ class GrblWire:
         name: str,
         *,
         on_home_lost: Callable[[str], None],
+        stopping: threading.Event,
     ) -> None:
         self._name = name
+        self._stopping = stopping
         self._config = config
         self._clock = context.clock
         self._on_home_lost = on_home_lost
@@ -73,6 +77,8 @@ class GrblWire:
         self._banners = 0
         self._alarm: int | None = None
         self._doing = ""
+        self._heard = False
+        self._refused = False
         self._expects_banner = False
         self._session = Session(
             context.transports(config, name),
@@ -105,13 +111,15 @@ class GrblWire:
         self._expects_banner = True
         self._session.open()
         try:
+            self._greet()
             lines = self._session.request_until(
                 b"$I\n",
-                self._listing("[VER"),
+                listing("[VER", self._name),
                 timeout_s=self._config.answer_s,
                 patience_s=self._config.identify_s,
             )
-            version = self._understood([text(line) for line in lines])
+            found = identity_of(lines, self._config, self._name)
+            self._reader = ReportReader(found.letters)
             self._check_settings()
         except DeviceTimeout as error:
             raise ConnectError(
@@ -122,7 +130,19 @@ class GrblWire:
         finally:
             self._expects_banner = False
         self.report()
-        return Identity(self._config.firmware, version)
+        return Identity(self._config.firmware, found.version, found.user_text)
+
+    def _greet(self) -> None:
+        """Boards that restart when the port opens say so; others answer at once."""
+        self._heard = False
+        self._session.send(_QUERY)
+        with self._changed:
+            self._changed.wait_for(lambda: self._heard, timeout=_GREETING_S)
+
+    def _check_settings(self) -> None:
+        accept, limit_s = listing("$", self._name), self._config.answer_s
+        lines = self._session.request_until(b"$$\n", accept, timeout_s=limit_s, tries=3)
+        refuse_inches(lines, self._name)
 
     def close(self) -> None:
         """Disconnect."""
@@ -161,7 +181,7 @@ class GrblWire:
             MotionStopped: ``halt`` was called; the position is lost.
         """
         self._refuse_in_alarm()
-        self._during("homing", "$H", timeout_s)
+        self._motion("homing", "$H", timeout_s)
 
     def move(self, words: str, *, feed_min: float, timeout_s: float) -> None:
         """One straight move in machine coordinates.
@@ -173,12 +193,8 @@ class GrblWire:
         """
         self._refuse_in_alarm()
         self._order("G21 G90 G94")
-        self._doing = "moving"
-        try:
-            self._order(f"G53 G1 {words} F{feed_min:.1f}")
-            self._order("G4 P0", timeout_s)
-        finally:
-            self._doing = ""
+        self._motion("moving", f"G53 G1 {words} F{feed_min:.1f}")
+        self._motion("moving", "G4 P0", timeout_s)
 
     def halt(self) -> None:
         """Feed hold, or a reset where a hold does nothing; one byte, from any thread."""
@@ -187,8 +203,7 @@ class GrblWire:
         else:
             hal = self._config.firmware == "grblhal"
             self._session.send(_HAL_HOLD if hal else _HOLD)
-        stopped = MotionStopped("stopped while it moved", device=self._name)
-        self._session.abort(stopped, in_step=False)
+        self._session.abort(self._stopped(), in_step=False)
 
     def settle_halt(self) -> bool:
         """Wait until it stands, then reset, which keeps the position."""
@@ -197,7 +212,7 @@ class GrblWire:
         if self._last is not None and self._last.activity is Activity.HELD:
             self._reset()
         self._session.fall_out_of_step()
-        return self._alarm is None
+        return self._alarm is None or not loses_home(self._alarm)
 
     def dumping(self) -> AbstractContextManager[None]:
         """Write the traffic down when a device error passes."""
@@ -219,12 +234,25 @@ class GrblWire:
 
     # ------------------------------------------------------------ asking
 
-    def _during(self, doing: str, line: str, timeout_s: float) -> None:
+    def _motion(self, doing: str, line: str, timeout_s: float | None = None) -> None:
+        """A line of a motion, unless that shall end.
+
+        A stop that came between two lines was one byte to a machine at rest: it is
+        told again, now that the line has been read.
+        """
+        if self._stopping.is_set():
+            raise self._stopped()
         self._doing = doing
         try:
             self._order(line, timeout_s)
+            if self._stopping.is_set():
+                self.halt()
+                raise self._stopped()
         finally:
             self._doing = ""
+
+    def _stopped(self) -> MotionStopped:
+        return MotionStopped("stopped while it moved", device=self._name)
 
     def _order(self, line: str, timeout_s: float | None = None) -> None:
         """Send a line and wait for its ``ok``."""
@@ -238,8 +266,6 @@ class GrblWire:
             if self._config.firmware == "grblhal" and self._refused:
                 self._clear_refusal()
             raise
-
-    _refused = False
 
     def _clear_refusal(self) -> None:
         """GrblHAL refuses every G-code after an error, until an empty line."""
@@ -257,92 +283,33 @@ class GrblWire:
             return Take.DONE
         if said.startswith("error:"):
             self._refused = True
-            raise line_error(_number(said), line, self._name)
+            raise line_error(error_number(said), line, self._name)
         return Take.OTHER
 
-    def _listing(self, head: str) -> Accept:
-        """Takes lines up to their ``ok``; one before the first line is stale."""
-        begun = False
-
-        def accept(frame: bytes) -> Take:
-            nonlocal begun
-            said = text(frame).strip()
-            if said.startswith("error:"):
-                raise self._no_listing(said)
-            if said == "ok":
-                return Take.DONE if begun else Take.OTHER
-            begun = begun or said.startswith(head)
-            known = said.startswith(("[VER", "[OPT", "[AXS", "$"))
-            return Take.PART if known else Take.OTHER
-
-        return accept
-
-    def _no_listing(self, said: str) -> DeviceError:
-        if _number(said) != _NOT_IDLE:
-            return WireError(f"answers {said} to a question", device=self._name)
-        return ConnectError(
-            "it is moving or held already",
-            device=self._name,
-            hint="wait until it stands, or stop whatever else drives it",
-        )
-
     def _sync(self, ask: Ask) -> None:
-        ask(b"$I\n", self._listing("[VER"), timeout_s=self._config.answer_s)
-
-    def _understood(self, lines: list[str]) -> str:
-        """The version; the axes must be those that are configured.
-
-        Raises:
-            ConnectError: an axis is missing, or there is no version.
-        """
-        versions = [m[1] for line in lines if (m := _VERSION.search(line))]
-        if not versions:
-            raise ConnectError(
-                "it gives no version: this is no GRBL",
-                device=self._name,
-                hint="check port and firmware",
-            )
-        letters = next((m[1] for x in lines if (m := _AXES.search(x))), "XYZ")
-        missing = [a.letter for a in self._config.axes if a.letter not in letters]
-        if missing:
-            raise ConnectError(
-                f"it has the axes {letters}; {', '.join(missing)} of the "
-                "configuration is not among them",
-                device=self._name,
-                hint="correct [[arm.axes]], or use a firmware with that axis",
-            )
-        self._reader = ReportReader(letters)
-        return versions[0].strip(":")
-
-    def _check_settings(self) -> None:
-        """Inches would be taken for millimetres."""
-        lines = self._session.request_until(
-            b"$$\n", self._listing("$"), timeout_s=self._config.answer_s, tries=3
-        )
-        found = dict(
-            m.groups() for line in lines if (m := _SETTING.match(text(line).strip()))
-        )
-        if float(found.get("13") or 0) != 0:
-            raise ConnectError(
-                "it reports in inches ($13=1)",
-                device=self._name,
-                hint="set $13=0 on the machine; this program writes no settings",
-            )
+        ask(b"$I\n", listing("[VER", self._name), timeout_s=self._config.answer_s)
 
     # ------------------------------------------------------------ unasked
 
     def _pushed(self, frame: bytes) -> bool:
         """Everything that is no answer; on the reader's thread."""
         said = text(frame).strip()
+        if said.startswith("<") or said.lower().startswith("grbl"):
+            self._tell_heard()
         report = self._reader.read(said)
         if report is not None:
             self._keep(report)
             return True
         if said.startswith("ALARM:"):
-            self._alarmed(_number(said))
+            self._alarmed(error_number(said))
         if said.lower().startswith("grbl"):
             self._restarted(said)
         return not said or said[0] in "[>$" or said.lower().startswith("grbl")
+
+    def _tell_heard(self) -> None:
+        with self._changed:
+            self._heard = True
+            self._changed.notify_all()
 
     def _keep(self, report: Report) -> None:
         with self._changed:
@@ -363,6 +330,7 @@ class GrblWire:
         self._reader.forget()
         with self._changed:
             self._banners += 1
+            self._alarm = None
             expected = self._expects_banner
             self._changed.notify_all()
         if expected:
@@ -427,8 +395,3 @@ class GrblWire:
         self._session.fall_out_of_step()
         self._on_home_lost("it was reset")
         return "the controller was reset; home it before anything else moves"
-
-
-def _number(said: str) -> int:
-    digits = re.search(r":\s*(\d{1,4})", said)
-    return int(digits[1]) if digits else 0

@@ -24,6 +24,7 @@ from mvp.errors import (
 )
 
 if TYPE_CHECKING:
+    import threading
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
@@ -35,7 +36,8 @@ _OK = re.compile(r"ok\b")
 _PLACE = re.compile(r"([XYZABCUVW]):(-?\d+(?:\.\d+)?)")
 _RESEND = re.compile(r"Resend:\s*(\d+)")
 _SENT_AGAIN = 3
-_ALIVE_S = 10.0  # busy lines come every two seconds
+_QUICK_STOP_S = 10.0
+_NOBODY = "cede2a2f-41a2-4748-9b12-c55c62f367ff"  # of boards that got no name
 
 
 class _Damaged(WireError):
@@ -50,6 +52,7 @@ class MarlinWire:
         context: clock, links, where traffic is written after a fault.
         name: of the device.
         on_home_lost: told when the position is not known any more.
+        stopping: set while a motion shall end; no further line of it is sent then.
     """
 
     def __init__(
@@ -59,13 +62,14 @@ class MarlinWire:
         name: str,
         *,
         on_home_lost: Callable[[str], None],
+        stopping: threading.Event,
     ) -> None:
         self._name = name
+        self._stopping = stopping
         self._config = config
         self._on_home_lost = on_home_lost
         self._number = 0
         self._doing = ""
-        self._can_stop = False
         self._halted = ""
         self._last: Report | None = None
         self._session = Session(
@@ -118,12 +122,19 @@ class MarlinWire:
                 device=self._name,
                 hint="check port and firmware",
             )
-        self._can_stop = "EMERGENCY_PARSER:1" in said
+        if "EMERGENCY_PARSER:1" not in said:
+            _LOG.warning(
+                "%s: this firmware has no emergency parser: a stop acts only when the "
+                "move has ended",
+                self._name,
+            )
         self._renumber()
         self._order("G21")
         self._order("G90")
         self.report()
-        return Identity("marlin", found[1])
+        called = re.search(r"UUID:\s*([0-9a-fA-F-]{36})", said)
+        uuid = called[1].lower() if called else ""
+        return Identity("marlin", found[1], "" if uuid == _NOBODY else uuid)
 
     def close(self) -> None:
         """Disconnect."""
@@ -163,12 +174,8 @@ class MarlinWire:
         """
         self._refuse_when_halted()
         letters = [a.letter for a in self._config.axes if a.home == "switch"]
-        self._doing = "homing"
-        try:
-            self._order("G28 " + " ".join(letters), timeout_s)
-            self._order("M400", timeout_s)
-        finally:
-            self._doing = ""
+        self._motion("homing", "G28 " + " ".join(letters), timeout_s)
+        self._motion("homing", "M400", timeout_s)
 
     def move(self, words: str, *, feed_min: float, timeout_s: float) -> None:
         """One straight move.
@@ -180,24 +187,19 @@ class MarlinWire:
         """
         self._refuse_when_halted()
         self._order("G90")
-        self._doing = "moving"
-        try:
-            self._order(f"G1 {words} F{feed_min:.1f}")
-            self._order("M400", timeout_s)
-        finally:
-            self._doing = ""
+        self._motion("moving", f"G1 {words} F{feed_min:.1f}")
+        self._motion("moving", "M400", timeout_s)
 
     def halt(self) -> None:
         """``M410``; at once where the board reads ahead, else when its turn comes."""
         self._session.send(b"M410\n")
-        stopped = MotionStopped("stopped while it moved", device=self._name)
-        self._session.abort(stopped, in_step=False)
+        self._session.abort(self._stopped(), in_step=False)
 
     def settle_halt(self) -> bool:
         """Wait for quiet; the position is doubtful after a quick stop."""
         self._session.fall_out_of_step()
         try:
-            self._order("M400", _ALIVE_S)
+            self._order("M400", _QUICK_STOP_S)
         except DeviceError as error:
             _LOG.warning("%s: %s", self._name, error.message)
         return False
@@ -220,6 +222,25 @@ class MarlinWire:
 
     # ------------------------------------------------------------ lines
 
+    def _motion(self, doing: str, line: str, timeout_s: float | None = None) -> None:
+        """A line of a motion, unless that shall end.
+
+        A stop that came between two lines was too early: it is told again.
+        """
+        if self._stopping.is_set():
+            raise self._stopped()
+        self._doing = doing
+        try:
+            self._order(line, timeout_s)
+            if self._stopping.is_set():
+                self.halt()
+                raise self._stopped()
+        finally:
+            self._doing = ""
+
+    def _stopped(self) -> MotionStopped:
+        return MotionStopped("stopped while it moved", device=self._name)
+
     def _order(self, line: str, timeout_s: float | None = None) -> None:
         self._ask(line, timeout_s)
 
@@ -236,6 +257,8 @@ class MarlinWire:
                 )
             except _Damaged as error:
                 _LOG.warning("%s: %s", self._name, error.message)
+                if self._doing and self._stopping.is_set():
+                    raise self._stopped() from error
                 if not tries_left:
                     raise
                 self._renumber()
@@ -261,7 +284,7 @@ class MarlinWire:
         if _OK.match(said):
             return Take.DONE
         if said.startswith(("echo:busy", "busy")):
-            return Take.ALIVE
+            return Take.PART  # a sign of life; the deadline stays
         if _RESEND.match(said):
             self._session.fall_out_of_step()
             raise _Damaged(f"{line!r} arrived damaged", device=self._name)

@@ -38,10 +38,11 @@ class Report:
 
 @dataclass(frozen=True)
 class Identity:
-    """Who answered."""
+    """Who answered; ``serial`` is what its owner called it, if anything."""
 
     firmware: str
     version: str
+    serial: str = ""
 
 
 class GantryWire(Protocol):

@@ -149,7 +149,9 @@ class Axes:
 
     def pressed(self) -> tuple[int, ...]:
         """Axes whose switch is covered."""
-        truth = self.truth
+        return self._covered(self.truth)
+
+    def _covered(self, truth: FloatArray) -> tuple[int, ...]:
         found = [
             k
             for k, axis in enumerate(self.settings)
@@ -194,7 +196,7 @@ class Axes:
             if self._move is None:
                 break
             end_s = self._began_s + self._move.duration_s
-            self._place(min(now_s, end_s))
+            self._place(self._switch_s(min(now_s, end_s)))
             met = self._met_switch()
             if met or now_s < end_s:
                 break
@@ -221,8 +223,12 @@ class Axes:
         return True
 
     def _moved(self, block: Block) -> StraightMove:
-        """A trapezoid that no axis objects to."""
+        """A trapezoid that no axis objects to, to a whole number of steps."""
         target = self._filled(block.target)
+        steps = np.array([axis.steps_per_unit for axis in self.settings])
+        target = np.where(
+            np.isnan(block.target), target, np.round(target * steps) / steps
+        )
         way = np.abs(target - self.counter)
         length = max(float(np.linalg.norm(way)), 1e-12)
         along = block.rate * self.override * self.scale
@@ -232,6 +238,26 @@ class Axes:
         return StraightMove.limited(
             self.counter, target, speed=np.maximum(speed, 1e-9), acceleration=ramps
         )
+
+    def _switch_s(self, t_s: float) -> float:
+        """When a seeking move meets its first switch, at most ``t_s``."""
+        if self._block is None or not self._block.seek or not self._covered_at(t_s):
+            return t_s
+        low_s, high_s = min(self._now_s, t_s), t_s
+        for _ in range(_HALVINGS):
+            middle_s = (low_s + high_s) / 2
+            if self._covered_at(middle_s):
+                high_s = middle_s
+            else:
+                low_s = middle_s
+        return high_s
+
+    def _covered_at(self, t_s: float) -> bool:
+        """Whether a switch that the move seeks is covered at a moment ahead."""
+        if self._move is None or self._block is None:
+            return False
+        truth = self._move.at(t_s - self._began_s) + self.offset
+        return bool(set(self._covered(truth)) & set(self._block.seek))
 
     def _place(self, t_s: float) -> None:
         """Counters follow the move; an axis at its mechanical end does not."""
@@ -283,6 +309,7 @@ class Axes:
         )
 
 
+_HALVINGS = 50
 _OVERRUN = 2.0  # between switch and mechanical end, mm or deg
 
 

@@ -29,6 +29,8 @@ class Profile:
         answers_every_query: instead of once for many.
         homes_axes: ``$HX`` and the like.
         enforces_unhomed: soft limits act before homing.
+        binary_commands: real-time bytes above 7F stand in for ``? ~ !``.
+        bytes_per_line: that arrive at 115200 Bd while it parses one line; 0 for none.
     """
 
     banner: str
@@ -44,17 +46,19 @@ class Profile:
     answers_every_query: bool
     homes_axes: bool
     enforces_unhomed: bool
+    binary_commands: bool = False
+    bytes_per_line: int = 0
     unlock_hint: str = "[MSG:'$H'|'$X' to unlock]"
 
 
 PROFILES: dict[str, Profile] = {
     "grbl": Profile(
         banner="Grbl 1.1h ['$' for help]",
-        version="[VER:1.1h.20190830:]",
+        version="1.1h.20190830",
         options="[OPT:V,15,128]",
         rx_bytes=128,
         blocks=15,
-        line_max=80,
+        line_max=79,
         counts_both_ends=True,
         sticky_error=False,
         dead_after_alarm=True,
@@ -62,10 +66,11 @@ PROFILES: dict[str, Profile] = {
         answers_every_query=False,
         homes_axes=False,
         enforces_unhomed=True,
+        bytes_per_line=135,
     ),
     "grblhal": Profile(
         banner="GrblHAL 1.1f ['$' or '$HELP' for help]",
-        version="[VER:1.1f.20240928:]",
+        version="1.1f.20240928",
         options="[OPT:VNML+,100,1024,5,0]",
         rx_bytes=1024,
         blocks=100,
@@ -77,10 +82,11 @@ PROFILES: dict[str, Profile] = {
         answers_every_query=True,
         homes_axes=True,
         enforces_unhomed=False,
+        binary_commands=True,
     ),
     "fluidnc": Profile(
         banner="Grbl 3.7 [FluidNC v3.7.16 (wifi) '$' for help]",
-        version="[VER:3.7 FluidNC v3.7.16:]",
+        version="3.7 FluidNC v3.7.16",
         options="[OPT:PHSBW]",
         rx_bytes=1024,
         blocks=16,
@@ -154,6 +160,9 @@ class GrblConfig(LineSettings, RateSettings):
         hard_limits: a switch that is met in a move is an alarm.
         resets_on_open: boards that restart when the port is opened.
         hold_byte: whether ``!`` and ``~`` act.
+        user_text: of ``$I``, which an owner writes into the controller.
+        settings: ``$`` numbers that differ from what the other keys say.
+        auto_report_s: FluidNC and grblHAL may report unasked; 0 for never.
     """
 
     profile: Literal["grbl", "grblhal", "fluidnc"] = "grblhal"
@@ -165,3 +174,11 @@ class GrblConfig(LineSettings, RateSettings):
     resets_on_open: bool = True
     hold_byte: bool = True
     boot_s: float = Field(default=0.5, ge=0)
+    user_text: str = ""
+    settings: dict[str, str] = Field(default_factory=dict)
+    auto_report_s: float = Field(default=0.0, ge=0)
+
+    @property
+    def driven(self) -> tuple[AxisSettings, ...]:
+        """The axes that this firmware drives."""
+        return self.axes[:3] if self.profile == "grbl" else self.axes

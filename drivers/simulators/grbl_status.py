@@ -15,7 +15,7 @@ _WCO_IDLE, _WCO_BUSY, _OV_IDLE, _OV_BUSY = 10, 30, 10, 20
 
 def settings_of(config: GrblConfig) -> dict[str, str]:
     """``$`` settings by number."""
-    axes = config.axes
+    axes = config.driven
     low = sum(1 << k for k, axis in enumerate(axes) if axis.switch == "low")
     values = {
         "0": "10",
@@ -56,13 +56,14 @@ class StatusWriter:
 
     def restart(self) -> None:
         """After a reset the work offset comes first and the overrides second."""
-        self._until_offset, self._until_override = 0, 1
+        self._until_offset = self._until_override = 0
 
     def report(
         self,
         state: str,
         *,
         mask: int,
+        inches: bool,
         rx_free: int,
         homed: bool,
         shown: tuple[int, ...],
@@ -72,12 +73,15 @@ class StatusWriter:
         Args:
             state: with its sub-state.
             mask: setting ``$10``.
+            inches: setting ``$13``.
             rx_free: free bytes of the receive buffer.
             homed: for firmwares that say it.
             shown: axes whose switch is covered.
         """
         axes, profile = self._axes, self._profile
-        fields = [state, ("MPos:" if mask & 1 else "WPos:") + _numbers(axes.quantised)]
+        unit = np.array([_unit(a.letter, inches=inches) for a in axes.settings])
+        place = _numbers(axes.quantised / unit)
+        fields = [state, ("MPos:" if mask & 1 else "WPos:") + place]
         if mask & 2:
             fields.append(f"Bf:{profile.blocks - axes.waiting},{rx_free}")
         if not profile.shows_homed:
@@ -91,15 +95,25 @@ class StatusWriter:
         return f"<{'|'.join(fields)}>"
 
     def _now_and_then(self, *, busy: bool) -> list[str]:
-        if self._until_offset <= 0:
-            self._until_offset = _WCO_BUSY if busy else _WCO_IDLE
-            return ["WCO:" + _numbers(np.zeros(len(self._axes.settings)))]
-        self._until_offset -= 1
-        if self._until_override <= 0:
-            self._until_override = _OV_BUSY if busy else _OV_IDLE
-            return [f"Ov:{100 * self._axes.override:.0f},100,100"]
-        self._until_override -= 1
-        return []
+        """Each every so many reports, and never both in one."""
+        found = []
+        if self._until_offset > 0:
+            self._until_offset -= 1
+        else:
+            self._until_offset = (_WCO_BUSY if busy else _WCO_IDLE) - 1
+            self._until_override = max(self._until_override, 1)
+            found = ["WCO:" + _numbers(np.zeros(len(self._axes.settings)))]
+        if self._until_override > 0:
+            self._until_override -= 1
+        else:
+            self._until_override = (_OV_BUSY if busy else _OV_IDLE) - 1
+            found = [f"Ov:{100 * self._axes.override:.0f},100,100"]
+        return found
+
+
+def _unit(letter: str, *, inches: bool) -> float:
+    """Length of the unit that an axis is reported in."""
+    return 25.4 if inches and letter in "XYZ" else 1.0
 
 
 def _numbers(values: np.ndarray) -> str:

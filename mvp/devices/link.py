@@ -113,14 +113,15 @@ class Link:
             with self._lock:
                 self._busy = False
 
-    def interrupt(self) -> None:
-        """Cut the action in progress short, from any thread; else do nothing."""
+    def interrupt(self) -> bool:
+        """Cut the action in progress short, from any thread; False when there is none."""
         with self._lock:
             reached = self._busy
             if reached:
                 self._interrupted.set()
         if reached:
             _LOG.info("%s: told to stop while busy", self._name)
+        return reached
 
     def wait_until(self, moment_s: float) -> bool:
         """Wait for a moment of the clock; False when interrupted."""

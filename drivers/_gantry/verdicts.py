@@ -1,0 +1,90 @@
+"""What a report means for a motion: may it begin, and has it arrived."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivers._gantry.wire import Activity
+from mvp.errors import DeviceFault, LimitError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from drivers._gantry.config import GantryAxis
+    from drivers._gantry.wire import Report
+
+
+def refuse_held(report: Report, name: str) -> None:
+    """Somebody holds it: a button, a door, or another program.
+
+    Raises:
+        DeviceFault: it is held.
+    """
+    if report.activity is Activity.HELD:
+        raise DeviceFault(
+            f"is held ({report.state})",
+            device=name,
+            code=report.state,
+            hint="`mvp-cell recover CELL` walks the way back",
+        )
+
+
+def require_ready(report: Report, name: str, *, homed: bool) -> None:
+    """Motion only from a place that is known, and from standing.
+
+    Raises:
+        LimitError: not homed.
+        DeviceFault: it moves already, or is locked.
+    """
+    if not homed:
+        raise LimitError(
+            "not homed; nothing has moved",
+            device=name,
+            hint="`mvp-cell home CELL`, with nothing in the way of the axes",
+        )
+    if report.activity is not Activity.STANDS:
+        raise DeviceFault(
+            f"cannot move now: {report.state}",
+            device=name,
+            code=report.state,
+            hint="does something else drive it?",
+        )
+
+
+def require_arrived(report: Report, off: str, name: str) -> None:
+    """It stands, and where it was sent.
+
+    Args:
+        report: after the motion.
+        off: which axes stand elsewhere; empty when none does.
+        name: of the device.
+
+    Raises:
+        DeviceFault: elsewhere: a byte was lost, or the firmware clamped it.
+    """
+    if report.activity is not Activity.STANDS or off:
+        raise DeviceFault(
+            f"stands elsewhere ({report.state}): off by {off or 'nothing'}",
+            device=name,
+            code="position",
+            hint="is the line disturbed, or the target beyond the machine's own "
+            "end-stops?",
+        )
+
+
+def require_marks(report: Report, axes: Sequence[GantryAxis], name: str) -> None:
+    """Axes that nothing measures stand at their marks, as far as they are counted.
+
+    Raises:
+        DeviceFault: one does not.
+    """
+    for axis in axes:
+        at = report.machine[axis.letter]
+        if axis.declared and abs(at - axis.declared_at) > axis.tolerance:
+            raise DeviceFault(
+                f"axis {axis.letter} reads {at:g}, its mark is {axis.declared_at:g}",
+                device=name,
+                code="declared",
+                hint="put it to its mark by hand and switch the controller off and "
+                "on, so that it counts from there",
+            )
