@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
 from collections import Counter
@@ -40,6 +41,7 @@ class Belongings:
 
 def left_behind(before: Belongings) -> str:
     """What is still there after some patience; empty when all is gone."""
+    gc.collect()  # an error keeps the frames that it passed, and what is in them
     end_s = time.monotonic() + _PATIENCE_S
     while (left := Belongings.now().left_since(before)) and time.monotonic() < end_s:
         time.sleep(_POLL_S)

@@ -7,20 +7,26 @@ import threading
 import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from mvp.errors import ConnectError, DeviceError, DeviceTimeout, LinkLost
-from tools.faults.benches import MAKES, SETTLE_S, Bench, wait_while
+from tools.faults.benches import bench_of
+from tools.faults.devices import MAKES
 from tools.faults.leaks import Belongings, left_behind
+from tools.faults.words import Case
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tools.faults.words import Case
+    from tools.faults.benches import Bench
+
 
 _LOG = logging.getLogger(__name__)
 _HANG_S = 90.0
 _BEGIN_S = 30.0
+_SETTLE_S = 0.4  # what the far end was sent last has arrived by then
+_POLL_S = 0.005
 
 
 @dataclass(frozen=True)
@@ -46,9 +52,10 @@ class Outcome:
 
 def trial(device: str, fault: str, case: Case) -> Outcome:
     """Run one cell, from starting the simulator to looking for what is left behind."""
+    _warm(device)
     before = Belongings.now()
     with ExitStack() as stack:
-        bench = Bench(MAKES[device], case, stack)
+        bench = bench_of(device, case, stack)
         outcome = _Trial(device, fault, case, bench).run()
     left = left_behind(before)
     if left:
@@ -121,7 +128,7 @@ class _Trial:
             name="mover",
         )
         mover.start()
-        wait_while(lambda: not (outcome or begun()), _BEGIN_S)
+        _wait_until(lambda: bool(outcome) or begun(), _BEGIN_S)
         if outcome:
             self._problems.append(f"it ended before the fault: {outcome[0]!r}")
         self._began_s = time.monotonic()
@@ -140,14 +147,14 @@ class _Trial:
 
     def _get_ready(self, driver: Any) -> None:
         self._bench.make_ready(driver)
-        self._bench.go(driver, self._bench.make.near, 60)
+        self._bench.go_near(driver)
 
     def _act(self, driver: Any) -> object:
-        make = self._bench.make
         if self._case.act == "home":
-            return self._bench.home(driver, self._case.timeout_s)
-        target = make.beyond if self._case.act == "beyond" else make.far
-        return self._bench.go(driver, target, self._case.timeout_s)
+            return driver.home(timeout_s=self._case.timeout_s)
+        if self._case.act == "beyond":
+            return self._bench.go_beyond(driver)
+        return self._bench.go_far(driver, self._case.timeout_s)
 
     def _timed(self, action: Callable[[], object]) -> tuple[object, float]:
         self._began_s = time.monotonic()
@@ -177,7 +184,7 @@ class _Trial:
 
     def _nothing_new(self, before: int) -> None:
         """What was sent last has arrived by now; no motion may have been in it."""
-        time.sleep(SETTLE_S)
+        time.sleep(_SETTLE_S)
         now = self._motions()
         if now != before:
             self._problems.append(f"{now - before} motions were begun afterwards")
@@ -199,7 +206,7 @@ class _Trial:
         while True:
             try:
                 self._bench.make_ready(driver)
-                reached = self._bench.go(driver, self._bench.make.near, 60)
+                reached = self._bench.go_near(driver)
                 break
             except DeviceError as error:
                 passing = isinstance(error, ConnectError | LinkLost | DeviceTimeout)
@@ -208,10 +215,22 @@ class _Trial:
                     return False
                 _LOG.info("not yet: %s", error)
                 time.sleep(0.2)
-        if not self._bench.stands_near(reached):
+        if not self._bench.is_near(reached):
             self._problems.append(f"the next action ended elsewhere: {reached}")
             return False
         return True
+
+
+@cache
+def _warm(device: str) -> None:
+    """Let a library open what it opens only once in a process."""
+    if not MAKES[device].keeps:
+        return
+    quiet = Case("nothing", "rest", (), _HANG_S)
+    with ExitStack() as stack:
+        bench = bench_of(device, quiet, stack)
+        with bench.device() as driver:
+            bench.go_near(driver)
 
 
 def _result(action: Callable[[], object]) -> object:
@@ -220,3 +239,10 @@ def _result(action: Callable[[], object]) -> object:
         return action()
     except Exception as error:
         return error
+
+
+def _wait_until(condition: Callable[[], bool], patience_s: float) -> None:
+    """Poll until a condition holds or patience ends."""
+    end_s = time.monotonic() + patience_s
+    while not condition() and time.monotonic() < end_s:
+        time.sleep(_POLL_S)
