@@ -135,6 +135,10 @@ class Scf4Lens:
         with self._halting():
             for leg in legs:
                 self._travel(leg, deadline)
+            # A disturbed order can have moved an axis that it did not name.
+            reached = self._wire.status()
+            if reached.steps != targets or not reached.standing:
+                raise self._elsewhere(reached.steps, targets)
         self._stand(homed=True, at=targets)
 
     def stop(self) -> None:

@@ -424,4 +424,5 @@ def test_a_noisy_line_ends_in_a_device_error_or_the_right_place(
             outcomes.append(type(error).__name__)
             b.do("noise")
             lens.home(timeout_s=60)
-    assert "done" in outcomes
+    assert len(outcomes) == moves
+    assert "done" in outcomes or moves < 10
