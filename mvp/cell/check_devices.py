@@ -93,7 +93,8 @@ def _ask(setting: Setting, devices: CellDevices, role: Role) -> Answers:
 def _who(role: str, info: DeviceInfo) -> CheckItem:
     kind = "simulated" if info.simulated else "real"
     return good(
-        role, f"{info.model}, serial {info.serial}, firmware {info.firmware}, {kind}"
+        role,
+        f"{info.model}, serial {info.serial or '-'}, firmware {info.firmware}, {kind}",
     )
 
 
