@@ -47,7 +47,8 @@ def gantry_verbs(machine: GantryMachine, clock: Clock) -> dict[str, Verb]:
     """Faults of any G-code controller.
 
     ``state``; ``push`` (``axis``, ``amount``): an axis is moved by hand; ``press`` and
-    ``let_go`` (``axis``): its switch is held down; ``power_cycle``.
+    ``let_go`` (``axis``): its switch is held down; ``break`` and ``mend`` (``axis``): it
+    never closes any more; ``power_cycle``.
     """
 
     def axis(asked: Mapping[str, object]) -> int:
@@ -61,5 +62,7 @@ def gantry_verbs(machine: GantryMachine, clock: Clock) -> dict[str, Verb]:
         ),
         "press": lambda asked: machine.axes.press.add(axis(asked)),
         "let_go": lambda asked: machine.axes.press.discard(axis(asked)),
+        "break": lambda asked: machine.axes.broken.add(axis(asked)),
+        "mend": lambda asked: machine.axes.broken.discard(axis(asked)),
         "power_cycle": lambda asked: machine.power_up(clock.now_s()),
     }

@@ -71,6 +71,7 @@ class Axes:
         counter: (n,) what the controller believes, mm or deg.
         offset: (n,) truth minus counter.
         press: axes whose switch is held down by hand.
+        broken: axes whose switch never closes any more.
         begun: motions that were ever queued.
     """
 
@@ -79,6 +80,7 @@ class Axes:
     counter: FloatArray = field(init=False)
     offset: FloatArray = field(init=False)
     press: set[int] = field(default_factory=set)
+    broken: set[int] = field(default_factory=set)
     override: float = 1.0
     begun: int = 0
     _queue: deque[Block] = field(default_factory=deque)
@@ -158,7 +160,7 @@ class Axes:
             if (axis.switch == "high" and truth[k] >= -1e-9)
             or (axis.switch == "low" and truth[k] <= 1e-9)
         ]
-        return tuple(sorted({*found, *self.press}))
+        return tuple(sorted({*found, *self.press} - self.broken))
 
     def queue(self, block: Block) -> None:
         """Add a move behind the others."""
