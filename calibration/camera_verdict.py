@@ -1,0 +1,164 @@
+"""What speaks against a camera calibration.
+
+The residual never shows a target that is parallel to the sensor, nor one that fills too
+little of the picture; tilt and covariance do.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration.verdict import Cause, Limit, Verdict, judged
+
+if TYPE_CHECKING:
+    from calibration.bundle import BundleState
+    from calibration.estimate import Estimate
+    from calibration.observations import Observations
+    from mvp.geometry import FloatArray
+
+_TILT_ACTION = "tilt the target (or the camera) by 30 to 45 deg in some of the views"
+_MORE_VIEWS = "add views tilted by 25 to 40 deg about different axes"
+TILT = Limit(
+    "target-nearly-parallel",
+    "target nearly parallel to sensor: the largest tilt",
+    "deg",
+    20,
+    10,
+    _TILT_ACTION,
+    at_least=True,
+)
+FOCAL = Limit(
+    "focal-length-uncertain",
+    "the standard deviation of the focal length",
+    "%",
+    0.3,
+    1.0,
+    _MORE_VIEWS,
+)
+CENTRE = Limit(
+    "centre-uncertain",
+    "the standard deviation of the principal point",
+    "px",
+    5,
+    20,
+    _MORE_VIEWS,
+)
+RESIDUAL = Limit(
+    "residual-large",
+    "the residual (RMS per coordinate)",
+    "px",
+    0.5,
+    2.0,
+    "check sharpness, flatness of the target, and that all pictures are of one camera "
+    "at one lens setting",
+)
+FILLED = Limit(
+    "target-too-small",
+    "the part of the picture's width and height that the points reach",
+    "%",
+    60,
+    30,
+    "bring the target closer, or to all sides of the picture",
+    at_least=True,
+)
+HELD_OUT = Limit(
+    "views-disagree",
+    "error on views that took no part, over the error on those that did,",
+    "times",
+    1.5,
+    3.0,
+    "add views; look for one that was taken at another lens setting",
+)
+_OUTLYING_VIEW = 3.0
+_WORST_VIEW_FLOOR_PX = 0.3
+
+
+def judge_camera(
+    seen: Observations,
+    state: BundleState,
+    estimate: Estimate,
+    *,
+    view_rms_px: FloatArray,
+    out_of_sample_px: float | None,
+    sigma_assumed_px: float | None,
+    faces_camera: bool,
+) -> Verdict:
+    """GO, MARGINAL or NO-GO, with every cause."""
+    counts = np.bincount(seen.view)
+    rms = float(np.sqrt((view_rms_px**2 @ counts) / counts.sum()))
+    return judged(
+        TILT.check(float(np.degrees(state.tilt_rad.max()))) if seen.planar() else (),
+        _sigma_causes(state, estimate),
+        RESIDUAL.check(rms / np.sqrt(2)),
+        FILLED.check(_filled_percent(seen)),
+        [] if out_of_sample_px is None else HELD_OUT.check(out_of_sample_px / rms),
+        _noise_causes(estimate, sigma_assumed_px),
+        _outlying_views(seen, view_rms_px),
+        _mirrored(state) if faces_camera and seen.planar() else (),
+        () if estimate.converged else (_NOT_CONVERGED,),
+    )
+
+
+_NOT_CONVERGED = Cause(
+    "not-converged",
+    "no-go",
+    "the least squares did not come to an end",
+    "hold the higher distortion terms, or add views",
+)
+
+
+def _sigma_causes(state: BundleState, estimate: Estimate) -> tuple[Cause, ...]:
+    sigma = dict(zip(estimate.names, estimate.sigmas, strict=True))
+    causes: tuple[Cause, ...] = ()
+    if "fx_px" in sigma:
+        causes += FOCAL.check(100 * sigma["fx_px"] / state.camera.fx_px)
+    if "cx_px" in sigma:
+        causes += CENTRE.check(max(sigma["cx_px"], sigma.get("cy_px", 0.0)))
+    return causes
+
+
+def _filled_percent(seen: Observations) -> float:
+    reach = np.ptp(seen.pixels, axis=0) / (seen.width_px, seen.height_px)
+    return float(100 * reach.min())
+
+
+def _noise_causes(
+    estimate: Estimate, sigma_assumed_px: float | None
+) -> tuple[Cause, ...]:
+    if sigma_assumed_px is None or not estimate.inflated:
+        return ()
+    factor = float(np.sqrt(estimate.variance_factor))
+    message = (
+        f"the residuals are {factor:.2g} times the assumed noise of "
+        f"{sigma_assumed_px:.3g} px (probability {estimate.probability:.1g})"
+    )
+    action = "state the true noise, free more distortion terms, or check the target"
+    return (Cause("residuals-above-noise", "marginal", message, action),)
+
+
+def _outlying_views(seen: Observations, view_rms_px: FloatArray) -> list[Cause]:
+    usual = max(float(np.median(view_rms_px)), _WORST_VIEW_FLOOR_PX / _OUTLYING_VIEW)
+    return [
+        Cause(
+            "view-does-not-fit",
+            "marginal",
+            f"{seen.names[view]} has a residual of {view_rms_px[view]:.2g} px, the "
+            f"others {usual:.2g} px",
+            f"remove {seen.names[view]} or take it again",
+        )
+        for view in np.flatnonzero(view_rms_px > _OUTLYING_VIEW * usual)
+    ]
+
+
+def _mirrored(state: BundleState) -> tuple[Cause, ...]:
+    behind = state.rotation[:, 2, 2] < 0
+    if not behind.any():
+        return ()
+    message = f"{int(behind.sum())} of {behind.size} views show the target from behind"
+    action = (
+        "the target is mirrored, or its rows and columns are swapped: check print and "
+        "layout"
+    )
+    return (Cause("target-mirrored", "no-go", message, action),)
