@@ -18,6 +18,7 @@ from mvp.errors import DeviceFault, MotionStopped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
+    from pathlib import Path
 
     from mvp.devices import Arm, ArmState, Camera, Clock, Frame, Lens, LensState
     from mvp.planning.plan import PlannedView
@@ -72,6 +73,7 @@ class CellDevices:
 
     Attributes:
         simulated_roles: devices whose far end is a simulator of this cell.
+        dumps: folder of the bytes that were written down after a fault.
     """
 
     arm: Arm
@@ -79,6 +81,7 @@ class CellDevices:
     camera: Camera
     clock: Clock
     simulated_roles: frozenset[str] = frozenset()
+    dumps: Path | None = None
 
     def stop(self) -> list[Exception]:
         """Stop all three, from any thread; every path is tried. Returns what failed."""

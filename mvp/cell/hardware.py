@@ -13,6 +13,7 @@ import numpy as np
 from mvp.cell.engine import CellDevices
 from mvp.cell.interrupts import uninterrupted
 from mvp.cell.own_keys import naming_place, own_keys
+from mvp.cell.wire_dumps import dump_folder
 from mvp.cell.world_building import build_world, simulator_config, world_config
 from mvp.devices import (
     Arm,
@@ -66,6 +67,7 @@ def build_devices(
         rng=np.random.default_rng(0),
         folder=cell.folder,
         world=None if announced else build_world(cell, bodies, clock),
+        dump_folder=dump_folder(),
     )
     return CellDevices(
         cast("Arm", _device(cell, "arm", context, announced)),
@@ -73,6 +75,7 @@ def build_devices(
         cast("Camera", _device(cell, "camera", context, announced)),
         clock,
         simulated_roles=frozenset(announced),
+        dumps=context.dump_folder,
     )
 
 

@@ -55,7 +55,7 @@ def lock_file(cell_file: Path, out: Path, *, simulated: bool) -> Path:
     bundled = folder.is_relative_to(bundled_root().resolve())
     if not bundled and os.access(folder, os.W_OK):
         return folder / _LOCK_NAME
-    return _private_folder() / name
+    return private_folder() / name
 
 
 def private_file(cell_file: Path, suffix: str) -> Path:
@@ -65,11 +65,15 @@ def private_file(cell_file: Path, suffix: str) -> Path:
         OutputError: that folder is not the user's own.
     """
     name = hashlib.sha256(os.fsencode(cell_file.resolve())).hexdigest()[:16]
-    return _private_folder() / f".{name}{suffix}"
+    return private_folder() / f".{name}{suffix}"
 
 
-def _private_folder() -> Path:
-    """For the locks of cells whose own folder cannot take one."""
+def private_folder() -> Path:
+    """Of this user, among the temporary files: locks, announcements, dumps.
+
+    Raises:
+        OutputError: that folder is not the user's own.
+    """
     user = os.getuid() if sys.platform != "win32" else os.getlogin()
     folder = Path(tempfile.gettempdir()) / f"mvp-cell-{user}"
     try:

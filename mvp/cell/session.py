@@ -20,6 +20,7 @@ from mvp.cell.run_document import RunDocument, run_document
 from mvp.cell.runner import Runner, RunOutcome
 from mvp.cell.simulation import simulation_of
 from mvp.cell.verification import Expectations, PictureVerifier, TaskExposure
+from mvp.cell.wire_dumps import keep_with_run
 from mvp.cell.world_building import WorldBodies
 from mvp.errors import OutputError, StoppedByOperator
 
@@ -206,6 +207,7 @@ class Session:
         """Tell the end and write the result; only the first thing that failed is told."""
         if outcome.error is not None:
             self.watcher.tell_end(folder, outcome)
+            keep_with_run(self.devices.dumps, folder.path)
         document = _document(self.setting, folder, plan, timing)
         try:
             folder.write_document(document)
