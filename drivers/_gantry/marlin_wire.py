@@ -334,7 +334,8 @@ class MarlinWire:
                 )
         if said.startswith("Error:") and "Last Line" not in said:
             self._fail(said)
-        return not said or said.startswith(("echo:", "start", "Error:", "//", "Cap:"))
+        known = ("echo:", "start", "Error:", "//", "Cap:", "X:")
+        return not said or said.startswith(known)
 
     def _fail(self, said: str) -> None:
         self._halted = said.removeprefix("Error:").strip()[:120]
