@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from mvp.cell.check_devices import check_devices
 from mvp.cell.check_host import check_host
 from mvp.cell.check_items import CheckDocument, CheckItem, doubtful, failed, good
 from mvp.cell.loading import load_cell
+from mvp.cell.lock import cell_lock
 from mvp.cell.places import as_stored
 from mvp.cell.plan_job import prepare
+from mvp.cell.run_job import lock_of
 from mvp.cell.session import devices_for
 
 if TYPE_CHECKING:
@@ -33,12 +36,20 @@ def check_cell(cell: LoadedCell, task: LoadedTask) -> CheckDocument:
 
     Raises:
         GeometryError, FeatureError, ConfigError, PluginError: the files themselves.
+        RecordError: a run uses the devices of this cell.
+        ConnectError: the simulators of the cell do not start.
     """
     setting = prepare(cell, task)
     cell = setting.cell
     items = [_calibration(cell, name) for name in cell.calibrations.sha256]
     items += check_host(cell)
-    with devices_for(setting) as devices:
+    with ExitStack() as stack:
+        if not cell.config.simulated:
+            # A test picture in the middle of a run would change its exposure.
+            stack.enter_context(
+                cell_lock(lock_of(setting, cell.folder), run_id="check")
+            )
+        devices = stack.enter_context(devices_for(setting))
         asked, found = check_devices(setting, devices)
     items += asked
     return CheckDocument(
