@@ -11,11 +11,12 @@ import queue
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 from pydantic import Field
 
 from mvp.devices import (
+    Role,
     camera_search,
     list_drivers,
     list_ports,
@@ -94,12 +95,13 @@ def plugged_in(*, search_s: float = SEARCH_S) -> DevicesDocument:
 
 def _installed() -> tuple[dict[str, DriverClass], list[str]]:
     """Every driver that loads, by key, and why the others do not."""
+    roles: dict[str, Role] = {role: role for role in get_args(Role)}
     drivers, notes = {}, []
     for entry in list_drivers():
-        if entry.role not in ("arm", "lens", "camera"):
+        if entry.role in roles:
+            drivers[entry.key] = load_driver(entry.key, roles[entry.role])
+        else:
             notes.append(f"driver {entry.key} does not load: {entry.error}")
-            continue
-        drivers[entry.key] = load_driver(entry.key, entry.role)
     return drivers, notes
 
 
