@@ -10,6 +10,7 @@ import numpy as np
 
 from mvp.cell.calibrations import Calibrations, load_calibrations, with_part_pose
 from mvp.cell.cell_config import CellConfig
+from mvp.cell.own_keys import naming_place
 from mvp.cell.places import find_cell, find_task, home_of, inside, sha256_of
 from mvp.cell.task_config import TaskConfig
 from mvp.cell.toml_file import TomlFile, read_toml, validated
@@ -68,11 +69,12 @@ class LoadedCell:
         """The kinematic model.
 
         Raises:
-            ConfigError: unknown, with file and line.
+            ConfigError, PluginError: unknown, or it does not load; with file and line.
         """
         name = self.config.kinematics.model
         try:
-            return arm_model(name, dh_calibration=self.dh_file)
+            with naming_place(self, ("kinematics", "model")):
+                return arm_model(name, dh_calibration=self.dh_file)
         except ConfigError as error:
             key = "dh_calibration" if error.where else "model"
             raise self.source.error(

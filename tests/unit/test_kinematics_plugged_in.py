@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mvp.cell.init_job import copy_cell
+from mvp.cell.loading import load_cell
 from mvp.errors import ConfigError, PluginError
 from mvp.kinematics import ARM_MODELS, arm_model, arm_model_names
 
@@ -82,3 +84,17 @@ def test_a_misspelt_model_is_refused_with_a_suggestion() -> None:
 def test_a_factory_calibration_fits_no_foreign_model(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no factory calibration"):
         arm_model("acme_taller", dh_calibration=tmp_path / "x.conf")
+
+
+@pytest.mark.usefixtures("plugin")
+def test_a_cell_says_where_it_asks_for_a_model_that_does_not_load(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "cell"
+    copy_cell("virtual", folder)
+    file = folder / "cell.toml"
+    file.write_text(file.read_text().replace('"ur5e"', '"acme_crash"', 1))
+    with pytest.raises(
+        PluginError, match=r"cell\.toml:\d+: kinematics\.model: .*crash"
+    ):
+        load_cell(str(folder))
