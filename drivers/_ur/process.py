@@ -12,7 +12,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from drivers._ur.codes import connect_failure
-from drivers._ur.messages import LONGEST, Message, Unreadable, decode, encode
+from drivers._ur.messages import LONGEST, Message, decode, encode
 from drivers._ur.status import Freshness, Implausible, Status
 from mvp.errors import ConnectError, DeviceError, DeviceFault, DeviceTimeout, LinkLost
 
@@ -234,7 +234,7 @@ class WorkerProcess:
         try:
             for line in iter(lambda: self._output_line(), b""):
                 self._sort(decode(line))
-        except (Unreadable, Implausible, TypeError, OSError) as error:
+        except (ValueError, TypeError, OSError) as error:
             self._mark_dead(f"its worker said what makes no sense ({error})")
         self._mark_dead(self._last_words())
 
@@ -252,10 +252,10 @@ class WorkerProcess:
             self._hand_over(message)
 
     def _hand_over(self, message: Message) -> None:
-        with self._lock:
-            pending = self._pending.pop(int(str(message.get("id", 0))), None)
         if "status" in message:
             self._note(Status.from_wire(_mapping(message["status"])))
+        with self._lock:
+            pending = self._pending.pop(int(str(message.get("id", 0))), None)
         if pending is not None:
             pending.message = message
             pending.arrived.set()

@@ -1,0 +1,156 @@
+"""Gantry drivers on a wire that says anything: their own errors only, and back in step."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers._gantry.grbl_report import ReportReader
+from drivers.arm_gantry import GantryArm
+from mvp.devices import DeviceContext
+from mvp.errors import DeviceError
+from mvp.testing import FarEnd
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+GRBL = {
+    b"$I\n": b"[VER:1.1f.20240928:]\r\n[OPT:V,100,1024,5,0]\r\n[AXS:5:XYZAB]\r\nok\r\n",
+    b"$$\n": b"$13=0\r\n$20=1\r\nok\r\n",
+    b"?": b"<Idle|MPos:-100.000,-200.000,-50.000,10.000,20.000|H:1|FS:0,0>\r\n",
+}
+PLACE = b"X:100.00 Y:200.00 Z:50.00 E:0.00 A:10.00 B:20.00 Count X:8000 Y:1 Z:1\nok\n"
+AXES = [
+    {"letter": letter, "low": low, "high": 1200, "speed": 100, "acceleration": 100}
+    for letter, low in (("X", -1200), ("Y", -1200), ("Z", -900), ("A", -90), ("B", -90))
+]
+AT = {
+    "grblhal": (-100.0, -200.0, -50.0),
+    "marlin": (100.0, 200.0, 50.0),
+}
+
+
+def grbl(sent: bytes) -> bytes:
+    return GRBL.get(sent, b"ok\r\n" if sent.endswith(b"\n") else b"")
+
+
+def marlin(sent: bytes) -> bytes:
+    body = sent.partition(b"*")[0]
+    if b"M115" in body:
+        return b"FIRMWARE_NAME:Marlin 2.1.2 X\nCap:EMERGENCY_PARSER:1\nok\n"
+    return PLACE if b"M114" in body else b"ok\n"
+
+
+FAR_ENDS = {"grblhal": grbl, "marlin": marlin}
+
+
+@pytest.fixture(params=FAR_ENDS, scope="module")
+def rig(request: pytest.FixtureRequest) -> Iterator[tuple[FarEnd, Any, Any]]:
+    answer = FAR_ENDS[request.param]
+    far_end = FarEnd("arm", answer)
+    config = GantryArm.Config.model_validate(
+        {
+            "port": "x",
+            "firmware": request.param,
+            "axes": AXES,
+            "answer_s": 0.02,
+            "identify_s": 0,
+        }
+    )
+    context = DeviceContext(transports=far_end.as_link)
+    with GantryArm.from_config(config, context, name="arm") as arm:
+        yield far_end, arm, AT[request.param]
+
+
+likely = st.sampled_from(
+    [
+        *(bytes([b]) for b in b"\n\r<>|,:.-0123456789okXYZ"),
+        b"ok\n",
+        b"error:9\n",
+        b"echo:busy: processing\n",
+        b"Resend: 1\n",
+        b"<Idle|MPos:1,2,3,4,5>\n",
+        b"<Idle|WPos:1,2>\n",
+        b"[VER:",
+        b"X:nan",
+    ]
+)
+noise = st.lists(likely | st.binary(max_size=3), max_size=30).map(b"".join)
+
+
+def survives(rig: Any, before: bytes, after: bytes, unasked: bytes) -> None:
+    """Noise around every answer, and noise that nobody asked for.
+
+    A device that really said that it has halted, restarted or met a limit is believed:
+    such words are not among the noise.
+    """
+    far_end, arm, at = rig
+    quiet = far_end.answer
+    far_end.say(unasked)
+    far_end.answer = lambda sent: before + quiet(sent) + after
+    with suppress(DeviceError):
+        arm.state()
+    far_end.answer = quiet
+    far_end.say(b"\n")
+    with suppress(DeviceError):
+        arm.close()
+    arm.open()
+    assert arm.state().joints[:3] == at
+
+
+@settings(max_examples=15, deadline=None)
+@given(before=noise, after=noise, unasked=noise)
+def test_any_noise_ends_in_a_device_error_and_then_all_is_well(
+    rig: Any, before: bytes, after: bytes, unasked: bytes
+) -> None:
+    survives(rig, before, after, unasked)
+
+
+@pytest.mark.full
+@pytest.mark.timeout(3600)
+@settings(max_examples=2_000, deadline=None)
+@given(noises=st.lists(noise, min_size=50, max_size=50))
+def test_any_noise_ends_in_a_device_error_at_length(
+    rig: Any, noises: list[bytes]
+) -> None:
+    """100,000 noises: of every 50, two are around an answer and the rest unasked."""
+    for unasked in noises[3:]:
+        rig[0].say(unasked)
+    survives(rig, *noises[:3])
+
+
+FIELDS = ["MPos:", "WPos:", "WCO:", "H:1", "H:", "FS:0,0", "Pn:X"]
+numbers = st.lists(st.floats() | st.integers(), max_size=7).map(
+    lambda values: ",".join(str(v) for v in values)
+)
+fields = st.lists(
+    st.tuples(st.sampled_from(FIELDS), numbers).map("".join) | st.text(max_size=8),
+    max_size=5,
+)
+states = st.sampled_from(["Idle", "Run", "Hold:0", "Alarm", "Door:9", "", "idle"])
+reports = st.builds(lambda s, f: f"<{'|'.join([s, *f])}>", states, fields)
+
+
+def reads(lines: list[str]) -> None:
+    reader = ReportReader("XYZAB")
+    for line in lines:
+        report = reader.read(line)
+        assert report is None or set(report.machine) == set("XYZAB")
+
+
+@settings(deadline=None)
+@given(st.lists(reports | st.text(max_size=40), max_size=6))
+def test_any_line_is_a_report_with_every_axis_or_none(lines: list[str]) -> None:
+    reads(lines)
+
+
+@pytest.mark.full
+@pytest.mark.timeout(3600)
+@settings(max_examples=100_000, deadline=None)
+@given(st.lists(reports | st.text(max_size=40), max_size=6))
+def test_any_line_is_a_report_or_none_at_length(lines: list[str]) -> None:
+    reads(lines)

@@ -1,0 +1,107 @@
+"""Lines of JSON from anywhere: fault channels answer all, recordings refuse in words."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drivers.simulators.control import answer
+from drivers.simulators.host import SerialHost
+from drivers.simulators.lens_machine import lens_verbs
+from drivers.simulators.scf4 import Scf4Config, Scf4Machine
+from mvp.devices import RealClock, ReplayTransport
+from mvp.errors import RecordError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+VERBS = ["noise", "unplug", "say", "hold_next", "drop_next", "turn", "stall", "state"]
+KEYS = ["seconds", "count", "hex", "axis", "steps", "drop", "flip", "do", "late_s"]
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=6),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner)
+    ),
+    max_leaves=6,
+)
+asked = st.builds(
+    lambda verb, keys: json.dumps({"do": verb, **keys}).encode(),
+    st.sampled_from(VERBS) | st.text(max_size=5),
+    st.dictionaries(st.sampled_from(KEYS), values, max_size=3),
+)
+lines = asked | st.binary(max_size=60) | values.map(lambda v: json.dumps(v).encode())
+
+
+@pytest.fixture(scope="module")
+def verbs() -> dict[str, object]:
+    """Those of a simulator that does not run: nothing listens, nothing can hang."""
+    machine = Scf4Machine(Scf4Config())
+    return {**SerialHost(machine).verbs(), **lens_verbs(machine, RealClock())}
+
+
+def is_answered(verbs: dict, line: bytes) -> None:
+    said = json.loads(answer(line, verbs))
+    assert said["ok"] in (True, False)
+    assert said["ok"] or said["message"]
+
+
+@settings(deadline=None)
+@given(line=lines)
+def test_a_fault_channel_answers_every_line(verbs: dict, line: bytes) -> None:
+    is_answered(verbs, line)
+
+
+@pytest.mark.full
+@pytest.mark.timeout(3600)
+@settings(max_examples=100_000, deadline=None)
+@given(line=lines)
+def test_a_fault_channel_answers_every_line_at_length(verbs: dict, line: bytes) -> None:
+    is_answered(verbs, line)
+
+
+HEADER = {"schema": "mvp-cell/wire/1", "device": "lens", "dropped_bytes": 0}
+ENTRY = {"t_s": 0.0, "what": "in", "hex": "00"}
+
+
+def like(good: dict[str, object]) -> st.SearchStrategy[bytes]:
+    """The line with one key changed, or with none."""
+    changed = st.dictionaries(st.sampled_from(list(good)), values, max_size=1)
+    return changed.map(lambda keys: json.dumps({**good, **keys}).encode())
+
+
+dumps = st.builds(
+    lambda head, rest: b"\n".join([head, *rest]),
+    like(HEADER) | lines,
+    st.lists(like(ENTRY) | lines, max_size=4),
+)
+
+
+def is_recording_or_refused(place: Path, content: bytes) -> None:
+    place.write_bytes(content)
+    with suppress(RecordError):
+        assert ReplayTransport.load(place).name is not None
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=dumps)
+def test_any_file_is_a_recording_or_refused(tmp_path: Path, content: bytes) -> None:
+    is_recording_or_refused(tmp_path / "dump", content)
+
+
+@pytest.mark.full
+@pytest.mark.timeout(3600)
+@settings(
+    max_examples=100_000,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(content=dumps)
+def test_any_file_is_a_recording_or_refused_at_length(
+    tmp_path: Path, content: bytes
+) -> None:
+    is_recording_or_refused(tmp_path / "dump", content)

@@ -1,0 +1,174 @@
+"""Something that listens where a robot should: whatever it says, an error of ours."""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+import threading
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers._ur.dashboard import PORT as DASHBOARD_PORT
+from drivers._ur.dashboard import Dashboard
+from drivers._ur.process import WorkerProcess
+from drivers._ur.version import PORT as RTDE_PORT
+from drivers._ur.version import ask_version
+from mvp.devices import RealClock
+from mvp.errors import DeviceError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+HOST = "127.0.78.78"
+CLOCK = RealClock()
+QUICK_S = 0.02
+
+
+class Talker:
+    """Says what it is told to whoever connects, and hangs up."""
+
+    def __init__(self, port: int) -> None:
+        self.words = b""
+        self._server = socket.create_server((HOST, port))
+        self._server.settimeout(0.1)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while not self._ended.is_set():
+            with suppress(OSError):
+                peer, _ = self._server.accept()
+                with peer:
+                    peer.sendall(self.words)
+
+    def end(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._server.close()
+
+
+@pytest.fixture(scope="module")
+def dashboard() -> Iterator[Talker]:
+    talker = Talker(DASHBOARD_PORT)
+    yield talker
+    talker.end()
+
+
+@pytest.fixture(scope="module")
+def controller() -> Iterator[Talker]:
+    talker = Talker(RTDE_PORT)
+    yield talker
+    talker.end()
+
+
+GREETING = b"Connected: Universal Robots Dashboard Server\n"
+replies = st.lists(
+    st.sampled_from([GREETING, b"Robotmode: RUNNING\n", b"\n", b":", b"\xff\xfe"])
+    | st.binary(max_size=40)
+    | st.just(b"x" * 2000),
+    max_size=6,
+).map(b"".join)
+packages = st.lists(
+    st.sampled_from([bytes.fromhex("00045601"), bytes.fromhex("001376" + "00" * 16)])
+    | st.binary(max_size=20),
+    max_size=4,
+).map(b"".join)
+
+
+def asked(talker: Talker, words: bytes) -> None:
+    talker.words = words
+    board = Dashboard(HOST, name="arm", clock=CLOCK, timeout_s=QUICK_S)
+    with suppress(DeviceError), board:
+        assert isinstance(board.value("robotmode"), str)
+    with suppress(DeviceError):
+        assert board.end_program() in (True, False)
+
+
+def version_asked(talker: Talker, words: bytes) -> None:
+    talker.words = words
+    with suppress(DeviceError):
+        found = ask_version(HOST, name="arm", clock=CLOCK, timeout_s=QUICK_S)
+        assert len(found) == 4
+
+
+@settings(max_examples=40, deadline=None)
+@given(words=replies)
+def test_any_dashboard_ends_in_text_or_a_device_error(
+    dashboard: Talker, words: bytes
+) -> None:
+    asked(dashboard, words)
+
+
+@settings(max_examples=40, deadline=None)
+@given(words=packages)
+def test_any_controller_has_a_version_or_is_a_device_error(
+    controller: Talker, words: bytes
+) -> None:
+    version_asked(controller, words)
+
+
+@pytest.mark.full
+@pytest.mark.timeout(3600)
+@settings(max_examples=100_000, deadline=None)
+@given(words=replies)
+def test_any_dashboard_ends_in_text_or_a_device_error_at_length(
+    dashboard: Talker, words: bytes
+) -> None:
+    asked(dashboard, words)
+
+
+@pytest.mark.full
+@pytest.mark.timeout(3600)
+@settings(max_examples=100_000, deadline=None)
+@given(words=packages)
+def test_any_controller_has_a_version_or_is_a_device_error_at_length(
+    controller: Talker, words: bytes
+) -> None:
+    version_asked(controller, words)
+
+
+MESSAGES = [
+    {"hello": 1},
+    {"id": "seven", "ok": True},
+    {"id": 1, "ok": True, "status": 3},
+    {"id": None},
+    {"id": 1e400},
+    {"status": {}},
+    {"status": []},
+    {"lost": {"why": 1}},
+    {"id": [1], "ok": False, "message": None},
+]
+
+
+@pytest.fixture
+def worker_saying() -> Iterator[Callable[[bytes], WorkerProcess]]:
+    """Makes a worker whose words are given; it has ended when the test has."""
+    made: list[WorkerProcess] = []
+
+    def make(words: bytes) -> WorkerProcess:
+        code = f"import sys\nsys.stdout.buffer.write({words!r})"
+        command = [sys.executable, "-S", "-c", code]
+        made.append(WorkerProcess("arm", CLOCK, command=command))
+        return made[-1]
+
+    yield make
+    for worker in made:
+        worker.kill("the test has ended")
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: json.dumps(m)[:20])
+def test_a_worker_that_talks_nonsense_is_a_lost_link(
+    worker_saying: Callable[[bytes], WorkerProcess], message: dict[str, object]
+) -> None:
+    worker = worker_saying(json.dumps(message).encode() + b"\n")
+    with suppress(DeviceError):
+        worker.request("version", timeout_s=10)
+    with pytest.raises(DeviceError):
+        worker.request("version", timeout_s=10)
+    assert not worker.alive
