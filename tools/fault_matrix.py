@@ -8,10 +8,14 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from pathlib import Path
 
+from tools.faults.page import page
 from tools.faults.table import TABLE
 from tools.faults.trial import Outcome, trial
 from tools.faults.words import FAULTS, Case
+
+PAGE = Path(__file__).parents[1] / "docs" / "explanation" / "faults.md"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -30,6 +34,8 @@ def main(arguments: list[str] | None = None) -> int:
             print(_line(outcome, time.monotonic() - began_s), flush=True)
     bad = [outcome for outcome in outcomes if outcome.problems]
     print(f"{len(outcomes)} cells, {len(bad)} not as they must be")
+    if options.write:
+        PAGE.write_text(page(outcomes), encoding="utf-8")
     return 1 if bad else 0
 
 

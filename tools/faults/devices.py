@@ -52,7 +52,7 @@ class Make:
     keeps: bool = False
 
 
-_SERIAL = {"answer_s": ANSWER_S, "identify_s": 2.0}
+_SERIAL = {"answer_s": ANSWER_S, "identify_s": 1.5}
 _FEEDS = {"speed": 300, "acceleration": 1000}
 _TURNS = {"speed": 90, "acceleration": 300, "home": "declared"}
 
@@ -72,8 +72,7 @@ _GANTRY_TARGETS = {
     "near": (300.0, 300.0, 600.0, 0.1, 0.1),
     "far": (100.0, 100.0, 500.0, 0.3, 0.2),
     "beyond": (900.0, 0.0, 600.0, 0.0, 0.0),
-    "slow": 0.05,
-    "brisk": {"speed_scale": 40},
+    "slow": 0.0125,
 }
 
 MAKES: dict[str, Make] = {
@@ -100,7 +99,7 @@ MAKES: dict[str, Make] = {
         "arm",
         GrblSimulator,
         GantryArm,
-        {"speed_scale": 10, "profile": "grblhal", **_QUICK_HOME},
+        {"speed_scale": 40, "profile": "grblhal", **_QUICK_HOME},
         _gantry(
             "grblhal", [(-600, -1199, -0.5), (-600, -1199, -0.5), (-900, -899, -0.5)]
         ),
@@ -110,7 +109,7 @@ MAKES: dict[str, Make] = {
         "arm",
         MarlinSimulator,
         GantryArm,
-        {"speed_scale": 10, **_QUICK_HOME},
+        {"speed_scale": 40, **_QUICK_HOME},
         _gantry("marlin", [(600, 0, 1200), (600, 0, 1200), (0, 0, 900)]),
         **_GANTRY_TARGETS,
     ),
@@ -140,7 +139,7 @@ MAKES: dict[str, Make] = {
         TheiaSimulator,
         TheiaLens,
         {
-            "speed_scale": 2,
+            "speed_scale": 6,
             "zoom": {"low": 0, "high": 3227, "start": 3000, "reference": 3119},
             "focus": {"low": 0, "high": 8390, "start": 7800, "reference": 7959},
         },
@@ -156,7 +155,7 @@ MAKES: dict[str, Make] = {
             "iris": {"low": 0, "high": 75},
         },
         near=(2800, 7000, 50),
-        far=(2200, 6200, 20),
+        far=(1000, 4000, 20),
         beyond=(3100, 7000, 50),
         brisk={"speed_scale": 40},
     ),
@@ -164,7 +163,7 @@ MAKES: dict[str, Make] = {
         "lens",
         ViscaSimulator,
         ViscaLens,
-        {"speed_scale": 2},
+        {"speed_scale": 4},
         {
             **_SERIAL,
             "zoom": {

@@ -51,6 +51,7 @@ class Case:
         at: before the driver opens, at rest, or while it moves or exposes.
         raises: errors that are right; empty where it must go on rightly all the same.
         within_s: the error must have come by then.
+        may_go_on: to go on rightly is right as well.
         do: what brings the fault about.
         undo: what takes it away.
         code: word of the device that a ``DeviceFault`` must carry; empty for any.
@@ -77,6 +78,7 @@ class Case:
     driver: Mapping[str, object] = field(default_factory=dict)
     patience_s: float = 0.0
     timeout_s: float = 60.0
+    may_go_on: bool = False
 
 
 @dataclass(frozen=True)
