@@ -67,11 +67,66 @@ class AxisTable(FileModel):
     repeatability_steps: float = Field(default=0.0, ge=0)
 
 
+class LensNodeResult(FileModel):
+    """A lens at one zoom and focus: what varies with both.
+
+    ``k1`` in OpenCV's meaning, for principal distance ``f_cal_mm`` = d - e m.
+    """
+
+    zoom: int
+    focus: int
+    f_cal_mm: float = Field(gt=0)
+    d_mm: float = Field(gt=0)
+    d_standard_deviation_mm: float = Field(ge=0)
+    centre_x_px: float
+    centre_y_px: float
+    k1: float = 0.0
+
+
+class AchievableZoom(FileModel):
+    """What focus reaches at one zoom.
+
+    Sharp distances from the entrance pupil; a missing far one is infinity.
+    """
+
+    zoom: int
+    f_mm: float = Field(gt=0)
+    d_low_mm: float = Field(gt=0)
+    d_high_mm: float = Field(gt=0)
+    sharp_near_mm: float
+    sharp_far_mm: float | None = None
+
+
+class AchievableSet(FileModel):
+    """All settings that the motors reach, and how finely.
+
+    ``*_per_step_mm``: the largest change of f, x = d - f and a by one whole step.
+    """
+
+    zooms: list[AchievableZoom] = Field(min_length=1)
+    a_low_mm: float = Field(gt=0)
+    a_high_mm: float = Field(gt=0)
+    f_per_step_mm: float = Field(gt=0)
+    x_per_step_mm: float = Field(gt=0)
+    a_per_step_mm: float = Field(gt=0)
+
+
+class LensValidity(FileModel):
+    """Where a lens table holds. No temperature range: it was not known."""
+
+    temperature_range_c: tuple[float, float] | None = None
+    temperature_source: Literal["device", "operator", "unknown"] = "unknown"
+    zoom_steps: tuple[int, int]
+    focus_steps: tuple[int, int]
+    iris_steps: tuple[int, int]
+
+
 class LensTableCalibration(FileModel):
     """Motor steps to f, d, a and the pupil offset e.
 
     f depends on zoom alone, a on iris alone. The focus axis gives the extension
-    x = d - f (mm); for a parfocal zoom x is the same at every zoom.
+    x = d - f (mm); for a parfocal zoom x is the same at every zoom. The planner reads
+    these three tables; ``nodes`` keeps what was measured at each zoom and focus.
     """
 
     schema_: Literal["mvp-cell/lens-table/1"] = Field(alias="schema")
@@ -84,6 +139,10 @@ class LensTableCalibration(FileModel):
     d_standard_deviation_mm: float = Field(default=0.0, ge=0)
     f_standard_deviation_mm: float = Field(default=0.0, ge=0)
     a_standard_deviation_mm: float = Field(default=0.0, ge=0)
+    pupil_offset_standard_deviation_mm: float = Field(default=0.0, ge=0)
+    nodes: list[LensNodeResult] = Field(default_factory=list)
+    achievable: AchievableSet | None = None
+    validity: LensValidity | None = None
 
 
 class RigidCalibration(FileModel):

@@ -9,6 +9,7 @@ from mvp.optics.blur import (
 )
 from mvp.optics.intrinsics import Intrinsics
 from mvp.optics.lens_table import (
+    AxisName,
     LensSetting,
     LensSteps,
     LensTable,
@@ -27,6 +28,7 @@ from mvp.optics.thick_lens import (
 from mvp.optics.views import Views, concatenated, single_view
 
 __all__ = [
+    "AxisName",
     "BlurBudget",
     "Intrinsics",
     "LensSetting",
