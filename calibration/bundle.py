@@ -1,13 +1,14 @@
 """Camera and one pose per view against everything that was seen, as a least squares.
 
-Which of the nine camera numbers are free, tied or held is a matrix: a step of the free
-parameters times ``basis`` is the change of the nine numbers.
+The camera may be any model that projects with derivatives. Which of its numbers are free,
+tied or held is a matrix: a step of the free parameters times ``basis`` is the change of
+all numbers.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import numpy as np
 from scipy import sparse
@@ -15,17 +16,44 @@ from scipy import sparse
 from calibration.projection import (
     CAMERA_NAMES,
     POSE_NAMES,
-    PinholeCamera,
     moved_pose,
-    project,
-    project_with_derivatives,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import Self
 
     from calibration.observations import Observations
+    from calibration.projection import PinholeCamera, Projection
     from mvp.geometry import FloatArray, IntArray
+
+
+class CameraModel(Protocol):
+    """What the bundle needs of a camera."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """One for each number, with its unit."""
+
+    @property
+    def values(self) -> FloatArray:
+        """The numbers."""
+
+    def with_values(self, values: FloatArray) -> Self:
+        """The same kind of camera with other numbers."""
+
+    def project(
+        self, rotation: FloatArray, translation_mm: FloatArray, points: FloatArray
+    ) -> FloatArray:
+        """Points (..., 3) to pixels (..., 2); nan behind the camera."""
+
+    def project_with_derivatives(
+        self, rotation: FloatArray, translation_mm: FloatArray, points: FloatArray
+    ) -> Projection:
+        """The same with derivatives; ``d_camera`` is for ``names``."""
+
+
+Camera = TypeVar("Camera", bound=CameraModel)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +62,7 @@ class Freedom:
 
     Attributes:
         names: (n,) of the free parameters.
-        basis: (9, n): change of ``CAMERA_NAMES`` for a unit step of each.
+        basis: (numbers, n): change of the camera's numbers for a unit step of each.
         scales: (n,): steps of like importance, about what moves a corner by 1 px.
     """
 
@@ -71,16 +99,16 @@ def freedom(
 
 
 @dataclass(frozen=True, eq=False)
-class BundleState:
+class BundleState(Generic[Camera]):
     """A camera, and ``camera_from_target`` of every view.
 
     Attributes:
-        camera: the nine numbers.
+        camera: its numbers.
         rotation: (views, 3, 3).
         translation_mm: (views, 3).
     """
 
-    camera: PinholeCamera
+    camera: Camera
     rotation: FloatArray
     translation_mm: FloatArray
 
@@ -89,7 +117,7 @@ class BundleState:
         """(views,): angle between the target's z axis and the optical axis."""
         return np.asarray(np.arccos(np.clip(np.abs(self.rotation[:, 2, 2]), 0, 1)))
 
-    def of_views(self, numbers: Sequence[int] | IntArray) -> BundleState:
+    def of_views(self, numbers: Sequence[int] | IntArray) -> BundleState[Camera]:
         """The same camera with some of the poses."""
         index = np.asarray(numbers, dtype=np.int64)
         return BundleState(
@@ -98,14 +126,14 @@ class BundleState:
 
 
 @dataclass(frozen=True, eq=False)
-class BundleProblem:
+class BundleProblem(Generic[Camera]):
     """Reprojection errors of all views, whitened by the noise of a corner.
 
     Attributes:
         seen: the observations.
         free: of the camera; empty names hold it.
         sigma_px: (m,) or a number: one standard deviation of a coordinate.
-        priors: mean and standard deviation of some of ``CAMERA_NAMES``.
+        priors: mean and standard deviation of some of the camera's numbers.
     """
 
     seen: Observations
@@ -132,29 +160,27 @@ class BundleProblem:
         """One for each prior."""
         return len(self.priors)
 
-    def errors_px(self, state: BundleState) -> FloatArray:
+    def errors_px(self, state: BundleState[Camera]) -> FloatArray:
         """(m, 2): predicted less found."""
         rows = self.seen.view
-        predicted = project(
-            state.camera,
+        predicted = state.camera.project(
             state.rotation[rows],
             state.translation_mm[rows],
             self.seen.points_target_mm,
         )
         return predicted - self.seen.pixels
 
-    def residuals(self, state: BundleState) -> FloatArray:
+    def residuals(self, state: BundleState[Camera]) -> FloatArray:
         """(2 m + priors,), whitened."""
         errors = self.errors_px(state) / self._sigma()[:, None]
-        values = dict(zip(CAMERA_NAMES, state.camera.values, strict=True))
+        values = dict(zip(state.camera.names, state.camera.values, strict=True))
         prior = [(values[name] - mean) / sd for name, mean, sd in self.priors]
         return np.concatenate([errors.ravel(), prior])
 
-    def jacobian(self, state: BundleState) -> sparse.csr_matrix:
+    def jacobian(self, state: BundleState[Camera]) -> sparse.csr_matrix:
         """(2 m + priors, n + 6 views)."""
         rows, n = self.seen.view, len(self.free.names)
-        found = project_with_derivatives(
-            state.camera,
+        found = state.camera.project_with_derivatives(
             state.rotation[rows],
             state.translation_mm[rows],
             self.seen.points_target_mm,
@@ -167,12 +193,16 @@ class BundleProblem:
         bounds = np.arange(0, values.size + 1, n + 6)
         shape = (2 * len(rows), n + 6 * self.seen.views)
         matrix = sparse.csr_matrix((values.ravel(), columns.ravel(), bounds), shape)
-        return sparse.vstack([matrix, self._prior_rows(shape[1])], format="csr")
+        return sparse.vstack(
+            [matrix, self._prior_rows(state.camera.names, shape[1])], format="csr"
+        )
 
-    def moved(self, state: BundleState, step: FloatArray) -> BundleState:
+    def moved(
+        self, state: BundleState[Camera], step: FloatArray
+    ) -> BundleState[Camera]:
         """The state after a step of the free parameters and all poses."""
         n = len(self.free.names)
-        camera = PinholeCamera.from_values(
+        camera = state.camera.with_values(
             state.camera.values + self.free.basis @ step[:n]
         )
         poses = moved_pose(
@@ -185,8 +215,8 @@ class BundleProblem:
             np.asarray(self.sigma_px, np.float64), (len(self.seen.view),)
         )
 
-    def _prior_rows(self, columns: int) -> sparse.csr_matrix:
+    def _prior_rows(self, names: tuple[str, ...], columns: int) -> sparse.csr_matrix:
         rows = np.zeros((len(self.priors), columns))
         for row, (name, _, sd) in zip(rows, self.priors, strict=True):
-            row[: len(self.free.names)] = self.free.basis[CAMERA_NAMES.index(name)] / sd
+            row[: len(self.free.names)] = self.free.basis[names.index(name)] / sd
         return sparse.csr_matrix(rows)

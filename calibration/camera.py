@@ -81,7 +81,7 @@ class CameraEstimate:
     """
 
     camera: PinholeCamera
-    state: BundleState
+    state: BundleState[PinholeCamera]
     estimate: Estimate
     free: Freedom
     errors_px: FloatArray
@@ -113,7 +113,7 @@ def calibrate_camera(
     seen: Observations,
     options: CameraOptions | None = None,
     *,
-    start: BundleState | None = None,
+    start: BundleState[PinholeCamera] | None = None,
 ) -> CameraEstimate:
     """Find the camera and the pose of every view.
 
@@ -161,8 +161,8 @@ def calibrate_camera(
 
 
 def _solved(
-    seen: Observations, options: CameraOptions, start: BundleState
-) -> tuple[BundleProblem, Fit[BundleState]]:
+    seen: Observations, options: CameraOptions, start: BundleState[PinholeCamera]
+) -> tuple[BundleProblem[PinholeCamera], Fit[BundleState[PinholeCamera]]]:
     try:
         problem = _problem(seen, options, start.camera, options.sigma_px or 1.0)
         if options.sigma_px is None:
@@ -181,7 +181,7 @@ def _solved(
 
 def _problem(
     seen: Observations, options: CameraOptions, camera: PinholeCamera, sigma_px: float
-) -> BundleProblem:
+) -> BundleProblem[PinholeCamera]:
     half_diagonal_px = float(np.hypot(seen.width_px, seen.height_px) / 2)
     free = freedom(
         camera,
@@ -193,7 +193,7 @@ def _problem(
 
 
 def _held_out_rms(
-    seen: Observations, options: CameraOptions, best: BundleState
+    seen: Observations, options: CameraOptions, best: BundleState[PinholeCamera]
 ) -> float | None:
     folds = min(options.folds, seen.views)
     if folds < 2:

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 _GUESSES = (0.7, 1.5, 3.0, 6.0)
 
 
-def start_from_planes(seen: Observations, *, aspect: float = 1.0) -> BundleState:
+def start_from_planes(
+    seen: Observations, *, aspect: float = 1.0
+) -> BundleState[PinholeCamera]:
     """A camera without distortion, centre in the middle, and a pose for every view.
 
     Args:
@@ -38,7 +40,7 @@ def start_from_planes(seen: Observations, *, aspect: float = 1.0) -> BundleState
     return min(starts, key=lambda state: _cost(state, seen))
 
 
-def poses_with(camera: PinholeCamera, seen: Observations) -> BundleState:
+def poses_with(camera: PinholeCamera, seen: Observations) -> BundleState[PinholeCamera]:
     """The pose of every view of a flat target with a known camera.
 
     Raises:
@@ -73,7 +75,7 @@ def _homographies(seen: Observations) -> np.ndarray:
     return np.stack(matrices)
 
 
-def _cost(state: BundleState, seen: Observations) -> float:
+def _cost(state: BundleState[PinholeCamera], seen: Observations) -> float:
     rows = seen.view
     predicted = project(
         state.camera,

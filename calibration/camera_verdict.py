@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from calibration.bundle import BundleState
     from calibration.estimate import Estimate
     from calibration.observations import Observations
+    from calibration.projection import PinholeCamera
     from mvp.geometry import FloatArray
 
 _TILT_ACTION = "tilt the target (or the camera) by 30 to 45 deg in some of the views"
@@ -77,7 +78,7 @@ _WORST_VIEW_FLOOR_PX = 0.3
 
 def judge_camera(
     seen: Observations,
-    state: BundleState,
+    state: BundleState[PinholeCamera],
     estimate: Estimate,
     *,
     view_rms_px: FloatArray,
@@ -94,7 +95,7 @@ def judge_camera(
         RESIDUAL.check(rms / np.sqrt(2)),
         FILLED.check(_filled_percent(seen)),
         [] if out_of_sample_px is None else HELD_OUT.check(out_of_sample_px / rms),
-        _noise_causes(estimate, sigma_assumed_px),
+        noise_causes(estimate, sigma_assumed_px),
         _outlying_views(seen, view_rms_px),
         _mirrored(state) if faces_camera and seen.planar() else (),
         () if estimate.converged else (_NOT_CONVERGED,),
@@ -109,7 +110,9 @@ _NOT_CONVERGED = Cause(
 )
 
 
-def _sigma_causes(state: BundleState, estimate: Estimate) -> tuple[Cause, ...]:
+def _sigma_causes(
+    state: BundleState[PinholeCamera], estimate: Estimate
+) -> tuple[Cause, ...]:
     sigma = dict(zip(estimate.names, estimate.sigmas, strict=True))
     causes: tuple[Cause, ...] = ()
     if "fx_px" in sigma:
@@ -124,9 +127,10 @@ def _filled_percent(seen: Observations) -> float:
     return float(100 * reach.min())
 
 
-def _noise_causes(
+def noise_causes(
     estimate: Estimate, sigma_assumed_px: float | None
 ) -> tuple[Cause, ...]:
+    """Residuals that contradict the noise that was assumed."""
     if sigma_assumed_px is None or not estimate.inflated:
         return ()
     factor = float(np.sqrt(estimate.variance_factor))
@@ -152,7 +156,7 @@ def _outlying_views(seen: Observations, view_rms_px: FloatArray) -> list[Cause]:
     ]
 
 
-def _mirrored(state: BundleState) -> tuple[Cause, ...]:
+def _mirrored(state: BundleState[PinholeCamera]) -> tuple[Cause, ...]:
     behind = state.rotation[:, 2, 2] < 0
     if not behind.any():
         return ()

@@ -90,8 +90,9 @@ def planar_pose(
         normalised = to_normalised(plain, pixels)
     start = pose_from_homography(homography(points_target_mm[:, :2], normalised))
     seen = Observations.from_views([points_target_mm], [pixels], size_px=(2, 2))
-    problem = BundleProblem(seen, freedom(camera, ()), 1.0)
-    best: tuple[float, BundleState] | None = None
+    held = freedom(camera, ())
+    problem: BundleProblem[PinholeCamera] = BundleProblem(seen, held, 1.0)
+    best: tuple[float, BundleState[PinholeCamera]] | None = None
     for rotation, translation in (start, _other_pose(*start, points_target_mm)):
         state = BundleState(camera, rotation[None], translation[None])
         if not np.isfinite(problem.residuals(state)).all():

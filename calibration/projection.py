@@ -45,6 +45,27 @@ class PinholeCamera:
         return cls(*(float(value) for value in values))
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """``CAMERA_NAMES``."""
+        return CAMERA_NAMES
+
+    def with_values(self, values: FloatArray) -> PinholeCamera:
+        """Another camera, from the nine numbers of ``CAMERA_NAMES``."""
+        return PinholeCamera.from_values(values)
+
+    def project(
+        self, rotation: FloatArray, translation_mm: FloatArray, points: FloatArray
+    ) -> FloatArray:
+        """As the function ``project``."""
+        return project(self, rotation, translation_mm, points)
+
+    def project_with_derivatives(
+        self, rotation: FloatArray, translation_mm: FloatArray, points: FloatArray
+    ) -> Projection:
+        """As the function ``project_with_derivatives``."""
+        return project_with_derivatives(self, rotation, translation_mm, points)
+
+    @property
     def values(self) -> FloatArray:
         """The nine numbers of ``CAMERA_NAMES``."""
         return np.array([getattr(self, name) for name in CAMERA_NAMES])
