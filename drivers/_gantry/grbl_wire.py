@@ -11,6 +11,7 @@ import logging
 import threading
 from typing import TYPE_CHECKING
 
+from drivers._gantry.arrivals import Arrivals
 from drivers._gantry.codes import alarm_fault, line_error, loses_home
 from drivers._gantry.grbl_identity import (
     error_number,
@@ -70,15 +71,12 @@ class GrblWire:
         self._clock = context.clock
         self._on_home_lost = on_home_lost
         self._reader = ReportReader("XYZ")
-        self._changed = threading.Condition()
+        self._came = Arrivals()
         self._never = threading.Event()
-        self._last: Report | None = None
-        self._reports = 0
-        self._banners = 0
         self._alarm: int | None = None
         self._doing = ""
-        self._heard = False
         self._refused = False
+        self._ended: DeviceError | None = None
         self._expects_banner = False
         self._session = Session(
             context.transports(config, name),
@@ -107,7 +105,8 @@ class GrblWire:
         Raises:
             ConnectError: nobody answers, or the machine is another one.
         """
-        self._alarm, self._last = None, None
+        self._alarm = None
+        self._came.forget()
         self._expects_banner = True
         self._session.open()
         try:
@@ -134,10 +133,7 @@ class GrblWire:
 
     def _greet(self) -> None:
         """Boards that restart when the port opens say so; others answer at once."""
-        self._heard = False
-        self._session.send(_QUERY)
-        with self._changed:
-            self._changed.wait_for(lambda: self._heard, timeout=_GREETING_S)
+        self._came.next_sign(lambda: self._session.send(_QUERY), _GREETING_S)
 
     def _check_settings(self) -> None:
         accept, limit_s = listing("$", self._name), self._config.answer_s
@@ -155,16 +151,13 @@ class GrblWire:
             DeviceFault: an alarm stands and it does not answer.
             DeviceTimeout, LinkLost, ConnectError: no report.
         """
-        with self._changed:
-            before = self._reports
-        self._session.send(_QUERY)
-        with self._changed:
-            self._changed.wait_for(
-                lambda: self._reports != before or self._session.is_lost,
-                timeout=self._config.answer_s,
-            )
-            if self._reports != before and self._last is not None:
-                return self._last
+        report = self._came.next_report(
+            lambda: self._session.send(_QUERY),
+            lambda: self._session.is_lost,
+            self._config.answer_s,
+        )
+        if report is not None:
+            return report
         if self._alarm is not None:
             raise alarm_fault(self._alarm, self._config.firmware, self._name)
         raise DeviceTimeout(
@@ -180,7 +173,7 @@ class GrblWire:
             DeviceFault: an alarm stands, or a switch was not found.
             MotionStopped: ``halt`` was called; the position is lost.
         """
-        self._refuse_in_alarm()
+        self._begin()
         self._motion("homing", "$H", timeout_s)
 
     def move(self, words: str, *, feed_min: float, timeout_s: float) -> None:
@@ -191,7 +184,7 @@ class GrblWire:
             DeviceTimeout: it still moves.
             MotionStopped: ``halt`` was called.
         """
-        self._refuse_in_alarm()
+        self._begin()
         self._order("G21 G90 G94")
         self._motion("moving", f"G53 G1 {words} F{feed_min:.1f}")
         self._motion("moving", "G4 P0", timeout_s)
@@ -209,7 +202,8 @@ class GrblWire:
         """Wait until it stands, then reset, which keeps the position."""
         if not self._stands():
             return False
-        if self._last is not None and self._last.activity is Activity.HELD:
+        last = self._came.last
+        if last is not None and last.activity is Activity.HELD:
             self._reset()
         self._session.fall_out_of_step()
         return self._alarm is None or not loses_home(self._alarm)
@@ -238,7 +232,8 @@ class GrblWire:
         """A line of a motion, unless that shall end.
 
         A stop that came between two lines was one byte to a machine at rest: it is
-        told again, now that the line has been read.
+        told again, now that the line has been read. An alarm between two lines failed
+        no command: it explains why the next one was refused.
         """
         if self._stopping.is_set():
             raise self._stopped()
@@ -248,6 +243,10 @@ class GrblWire:
             if self._stopping.is_set():
                 self.halt()
                 raise self._stopped()
+        except DeviceError as error:
+            if self._ended is None or error is self._ended:
+                raise
+            raise self._ended from error
         finally:
             self._doing = ""
 
@@ -295,10 +294,10 @@ class GrblWire:
         """Everything that is no answer; on the reader's thread."""
         said = text(frame).strip()
         if said.startswith("<") or said.lower().startswith("grbl"):
-            self._tell_heard()
+            self._came.sign()
         report = self._reader.read(said)
         if report is not None:
-            self._keep(report)
+            self._came.report(report)
             return True
         if said.startswith("ALARM:"):
             self._alarmed(error_number(said))
@@ -306,46 +305,41 @@ class GrblWire:
             self._restarted(said)
         return not said or said[0] in "[>$" or said.lower().startswith("grbl")
 
-    def _tell_heard(self) -> None:
-        with self._changed:
-            self._heard = True
-            self._changed.notify_all()
-
-    def _keep(self, report: Report) -> None:
-        with self._changed:
-            self._last = report
-            self._reports += 1
-            self._changed.notify_all()
-
     def _alarmed(self, number: int) -> None:
-        with self._changed:
-            self._alarm = number
-            self._changed.notify_all()
+        self._alarm = number
         if loses_home(number):
             self._on_home_lost(f"alarm {number}")
-        raise alarm_fault(number, self._config.firmware, self._name)
+        raise self._end(alarm_fault(number, self._config.firmware, self._name))
+
+    def _end(self, fault: DeviceFault) -> DeviceError:
+        """What ended the motion; nothing but the stop, when that was asked for."""
+        if self._ended is None:
+            self._ended = self._stopped() if self._stopping.is_set() else fault
+        return self._ended
 
     def _restarted(self, said: str) -> None:
         """The banner: everything queued is lost."""
         self._reader.forget()
-        with self._changed:
-            self._banners += 1
-            self._alarm = None
-            expected = self._expects_banner
-            self._changed.notify_all()
+        self._alarm = None
+        expected = self._expects_banner
+        self._came.banner()
         if expected:
             return
         self._on_home_lost("the controller restarted")
-        raise DeviceFault(
-            "the controller restarted; everything queued is lost",
-            device=self._name,
-            code=said[:40],
-            hint="check its supply, then home it again",
+        raise self._end(
+            DeviceFault(
+                "the controller restarted; everything queued is lost",
+                device=self._name,
+                code=said[:40],
+                hint="check its supply, then home it again",
+            )
         )
 
     # ------------------------------------------------------------ stopping
 
-    def _refuse_in_alarm(self) -> None:
+    def _begin(self) -> None:
+        """A new motion, unless an alarm stands."""
+        self._ended = None
         if self._alarm is not None:
             raise alarm_fault(self._alarm, self._config.firmware, self._name)
 
@@ -364,18 +358,11 @@ class GrblWire:
 
     def _reset(self) -> bool:
         """Byte 18, and wait for the banner."""
-        with self._changed:
-            before = self._banners
-            self._expects_banner = True
+        self._expects_banner = True
         try:
-            self._session.send(_RESET)
-            with self._changed:
-                came = self._changed.wait_for(
-                    lambda: self._banners != before, timeout=_BANNER_S
-                )
+            return self._came.next_banner(lambda: self._session.send(_RESET), _BANNER_S)
         finally:
             self._expects_banner = False
-        return came
 
     def _quiet_state(self) -> str:
         try:

@@ -8,15 +8,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from drivers.arm_gantry import GantryArm
 from drivers.arm_ur import UrArm
 from drivers.simulators.control import ControlClient
+from drivers.simulators.grbl import GrblSimulator
+from drivers.simulators.marlin import MarlinSimulator
 from drivers.simulators.ur import UrSimulator, UrSimulatorConfig
-from mvp.devices import DeviceContext
+from mvp.devices import DeviceContext, RecordingTransport
+from mvp.devices.transport import recorded_link
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
-    from mvp.devices import Lens
+    from drivers._gantry.config import GantryConfig
+    from mvp.devices import Lens, Transport, TransportConfig
 
 _MOVES = (1, 2, 3, 4, 45)  # moveJ, moveJ_IK, moveL, moveL_FK, a path
 
@@ -120,3 +126,139 @@ def lens_bench() -> Iterator[Callable[..., LensBench]]:
             return LensBench(stack, simulator, driver, keys, settings)
 
         yield make
+
+
+SLIDE = {"speed": 3000, "acceleration": 8000}
+TURN = {
+    "low": -170,
+    "high": 170,
+    "speed": 900,
+    "acceleration": 3000,
+    "home": "declared",
+}
+GRBL_AXES: list[dict[str, object]] = [
+    {"letter": "X", "zero": -600, "low": -1200, "high": 0, **SLIDE},
+    {"letter": "Y", "zero": -600, "low": -1200, "high": 0, **SLIDE},
+    {"letter": "Z", "zero": -900, "low": -900, "high": 0, **SLIDE},
+]
+MARLIN_AXES: list[dict[str, object]] = [
+    {"letter": "X", "zero": 600, "low": 0, "high": 1200, **SLIDE},
+    {"letter": "Y", "zero": 600, "low": 0, "high": 1200, **SLIDE},
+    {"letter": "Z", "zero": 0, "low": 0, "high": 900, **SLIDE},
+]
+HEAD: list[dict[str, object]] = [{"letter": x, **TURN} for x in "AB"]
+
+
+class Tap:
+    """Hears what a driver writes, may change it, and may act just before."""
+
+    def __init__(self, link: Transport) -> None:
+        self._link = link
+        self.name = link.name
+        self.sent: list[bytes] = []
+        self.change: Callable[[bytes], bytes] = lambda data: data
+        self.before: Callable[[bytes], None] = lambda data: None
+
+    @property
+    def address(self) -> str:
+        return self._link.address
+
+    def open(self) -> None:
+        self._link.open()
+
+    def close(self) -> None:
+        self._link.close()
+
+    def write(self, data: bytes) -> None:
+        self.before(data)
+        self.sent.append(data)
+        self._link.write(self.change(data))
+
+    def read(self, *, timeout_s: float) -> bytes:
+        return self._link.read(timeout_s=timeout_s)
+
+
+class GantryBench:
+    """A simulated controller, its fault channel, and arms that drive it."""
+
+    start = (0.0, 0.0, 400.0, 0.0, 0.0)
+    far = (300.0, -200.0, 500.0, 0.5, -0.4)
+
+    def __init__(self, stack: ExitStack, firmware: str, **settings: object) -> None:
+        self.firmware = firmware
+        marlin = firmware == "marlin"
+        simulator = MarlinSimulator if marlin else GrblSimulator
+        profile = {} if marlin else {"profile": firmware}
+        quick = {"speed_scale": 60, "homing_seek_min": 12_000, "homing_feed_min": 1500}
+        keys = {**quick, "boot_s": 0.05, **profile, **settings}
+        self.simulator = simulator.from_config(
+            simulator.Config.model_validate(keys),
+            DeviceContext(rng=np.random.default_rng(3)),
+            name="arm",
+        )
+        stack.callback(self.simulator.stop)
+        self.port = str(self.simulator.start()["port"])
+        client = ControlClient(self.simulator.control_port)
+        self.faults = stack.enter_context(client)
+        self._stack = stack
+        self.taps: list[Tap] = []
+
+    def config(self, **keys: object) -> GantryConfig:
+        slides = MARLIN_AXES if self.firmware == "marlin" else GRBL_AXES
+        told = {
+            "port": self.port,
+            "firmware": self.firmware,
+            "axes": [*slides, *HEAD],
+            "settle_s": 0,
+            "identify_s": 3,
+            **keys,
+        }
+        return GantryArm.Config.model_validate(told)
+
+    def context(self, dump_folder: Path | None = None) -> DeviceContext:
+        return DeviceContext(transports=self._tapped, dump_folder=dump_folder)
+
+    def arm(self, dump_folder: Path | None = None, **keys: object) -> GantryArm:
+        """A driver for this controller, not yet open; closed with the test."""
+        arm = GantryArm.from_config(
+            self.config(**keys), self.context(dump_folder), name="arm"
+        )
+        self._stack.callback(arm.close)
+        return arm
+
+    def homed(self, dump_folder: Path | None = None, **keys: object) -> GantryArm:
+        """A driver that is open, homed, and stands at the start."""
+        arm = self.arm(dump_folder, **keys)
+        arm.open()
+        arm.home(timeout_s=60)
+        arm.move_joints(self.start, timeout_s=60)
+        return arm
+
+    @property
+    def tap(self) -> Tap:
+        """Of the arm that was made last."""
+        return self.taps[-1]
+
+    @property
+    def sent(self) -> bytes:
+        """Everything that the arm wrote which was made last."""
+        return b"".join(self.tap.sent)
+
+    def do(self, verb: str, **arguments: object) -> dict[str, object]:
+        """One thing over the fault channel."""
+        return self.faults.do(verb, **arguments)
+
+    def moving(self) -> bool:
+        state = self.do("state")
+        return bool(state.get("busy")) or state.get("state") in ("Run", "Home")
+
+    def _tapped(self, config: TransportConfig, name: str) -> Transport:
+        self.taps.append(Tap(recorded_link(config, name)))
+        return RecordingTransport(self.taps[-1])
+
+
+@pytest.fixture
+def gantry_bench() -> Iterator[Callable[..., GantryBench]]:
+    """Makes simulated gantries; all are ended with the test."""
+    with ExitStack() as stack:
+        yield lambda firmware, **keys: GantryBench(stack, firmware, **keys)

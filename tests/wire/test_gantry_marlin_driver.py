@@ -1,0 +1,196 @@
+"""The gantry driver against a simulated Marlin board."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from mvp.errors import (
+    ConnectError,
+    DeviceError,
+    DeviceFault,
+    DeviceTimeout,
+    LimitError,
+    LinkLost,
+    MotionStopped,
+)
+from mvp.testing.require import meanwhile, refuses
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+Make = "Callable[..., Any]"
+
+
+def slowly(bench: Any, arm: Any) -> Callable[[], object]:
+    """A move that takes some seconds."""
+    return lambda: arm.move_joints(bench.far, speed_fraction=0.001, timeout_s=60)
+
+
+def test_it_moves_only_after_it_was_homed(gantry_bench: Make) -> None:
+    bench = gantry_bench("marlin")
+    arm = bench.arm()
+    arm.open()
+    refuses(LimitError, lambda: arm.move_joints(bench.start, timeout_s=5))
+    arm.home(timeout_s=60)
+    reached = arm.move_joints(bench.far, timeout_s=60)
+    assert reached.joints == pytest.approx(bench.far, abs=1e-2)
+    assert b"M502" not in bench.sent
+    assert b"M500" not in bench.sent
+
+
+def test_every_line_of_a_move_is_numbered_and_summed(gantry_bench: Make) -> None:
+    bench = gantry_bench("marlin")
+    bench.homed()
+    moves = [data for data in bench.tap.sent if b"G1" in data or b"M400" in data]
+    assert moves
+    assert all(data.startswith(b"N") and b"*" in data for data in moves)
+
+
+def test_a_damaged_line_is_sent_again(gantry_bench: Make) -> None:
+    bench = gantry_bench("marlin")
+    arm = bench.homed()
+    damage = iter([True])
+
+    def change(data: bytes) -> bytes:
+        hit = b"G1" in data and next(damage, False)
+        return data.replace(b"X900", b"X100") if hit else data
+
+    bench.tap.change = change
+    reached = arm.move_joints(bench.far, timeout_s=30)
+    assert reached.joints == pytest.approx(bench.far, abs=1e-2)
+
+
+def test_a_line_that_never_arrives_whole(gantry_bench: Make) -> None:
+    bench = gantry_bench("marlin")
+    arm = bench.homed()
+    bench.tap.change = lambda data: data.replace(b"X900", b"X100")
+    refuses(DeviceError, lambda: arm.move_joints(bench.far, timeout_s=30))
+    assert not bench.moving()
+
+
+def test_without_numbers_a_damaged_line_shows_in_the_place(gantry_bench: Make) -> None:
+    bench = gantry_bench("marlin")
+    arm = bench.homed(number_lines=False)
+    bench.tap.change = lambda data: data.replace(b"X900", b"X100")
+    error = refuses(DeviceFault, lambda: arm.move_joints(bench.far, timeout_s=30))
+    assert error.code == "position"
+
+
+def test_a_machine_that_clamps(gantry_bench: Make) -> None:
+    axes = [
+        {
+            "letter": x,
+            "travel": 700,
+            "rate_min": 18_000,
+            "acceleration": 1000,
+            "switch": "low",
+            "start": 100,
+        }
+        for x in "XYZ"
+    ]
+    turning = [
+        {
+            "letter": x,
+            "travel": 180,
+            "rate_min": 5400,
+            "acceleration": 300,
+            "switch": None,
+        }
+        for x in "AB"
+    ]
+    bench = gantry_bench("marlin", axes=[*axes, *turning])
+    arm = bench.homed()
+    error = refuses(DeviceFault, lambda: arm.move_joints(bench.far, timeout_s=30))
+    assert error.code == "position"
+    assert "X by -200" in error.message
+
+
+def test_a_quick_stop_ends_a_move_and_loses_the_place(gantry_bench: Make) -> None:
+    bench = gantry_bench("marlin")
+    arm = bench.homed()
+    result = meanwhile(slowly(bench, arm), bench.moving, arm.stop)
+    assert isinstance(result, MotionStopped)
+    assert b"M410\n" in bench.tap.sent
+    assert not bench.moving()
+    assert not arm.homed
+    arm.home(timeout_s=60)
+    arm.move_joints(bench.start, timeout_s=60)
+
+
+def test_a_stop_between_two_lines(gantry_bench: Make) -> None:
+    bench = gantry_bench("marlin")
+    arm = bench.homed()
+    bench.tap.before = lambda data: arm.stop() if b"G1" in data else None
+    refuses(
+        MotionStopped,
+        lambda: arm.move_joints(bench.far, speed_fraction=0.001, timeout_s=30),
+    )
+    assert not bench.moving()
+
+
+def test_a_deadline_stops_it_though_it_says_that_it_is_busy(gantry_bench: Make) -> None:
+    bench = gantry_bench("marlin")
+    arm = bench.homed()
+    refuses(
+        DeviceTimeout,
+        lambda: arm.move_joints(bench.far, speed_fraction=0.0005, timeout_s=2.5),
+    )
+    assert not bench.moving()
+
+
+def test_a_board_that_halts(gantry_bench: Make, tmp_path: Path) -> None:
+    bench = gantry_bench("marlin")
+    arm = bench.arm(tmp_path)
+    arm.open()
+    bench.do("break", axis="X")
+    error = refuses(DeviceFault, lambda: arm.home(timeout_s=60))
+    assert "Homing Failed" in error.message
+    assert ".wire.jsonl" in error.hint
+    refuses(DeviceFault, lambda: arm.home(timeout_s=60))
+    bench.do("mend", axis="X")
+    (first, *_) = list(arm.recovery())
+    assert "switch it off and on" in first.text
+    bench.do("power_cycle")
+    first.act()
+    arm.home(timeout_s=60)
+
+
+def test_unplugged_in_motion(gantry_bench: Make) -> None:
+    bench = gantry_bench("marlin")
+    arm = bench.homed()
+    result = meanwhile(
+        slowly(bench, arm), bench.moving, lambda: bench.do("unplug", reset=True)
+    )
+    assert isinstance(result, LinkLost)
+    assert not arm.homed
+    arm.close()
+    bench.do("replug")
+    arm.open()
+    arm.home(timeout_s=60)
+
+
+def test_the_power_fails_for_a_moment(gantry_bench: Make) -> None:
+    bench = gantry_bench("marlin")
+    arm = bench.homed()
+    result = meanwhile(
+        slowly(bench, arm), bench.moving, lambda: bench.do("power_cycle")
+    )
+    assert isinstance(result, DeviceFault)
+    assert "restarted" in result.message
+    assert not arm.homed
+
+
+def test_it_is_no_grbl(gantry_bench: Make) -> None:
+    bench = gantry_bench("marlin")
+    refuses(ConnectError, bench.arm(firmware="grblhal", identify_s=0).open)
+
+
+def test_a_longer_ok_and_another_machine(gantry_bench: Make) -> None:
+    uuid = "11111111-2222-4333-8444-555555555555"
+    bench = gantry_bench("marlin", advanced_ok=True, uuid=uuid)
+    refuses(ConnectError, bench.arm(serial="other").open)
+    arm = bench.homed()
+    assert arm.info().serial == uuid
