@@ -7,7 +7,6 @@ when the robot says so, stands still and stands where it should.
 
 from __future__ import annotations
 
-import ipaddress
 import logging
 from typing import TYPE_CHECKING, ClassVar, Self
 
@@ -60,6 +59,7 @@ class UrArm:
         self._tcp_from_tool = Pose.from_rotvec(
             "tool", "tcp", tcp[3:], 1000 * np.array(tcp[:3])
         ).inverse()
+        self._stops = 0
         self._motions = Motions(session, self._link, clock)
 
     @classmethod
@@ -109,7 +109,7 @@ class UrArm:
             who.model or self._config.model,
             who.serial or "unknown",
             who.firmware,
-            simulated=_is_loopback(self._config.host),
+            simulated=False,
             extra={"host": self._config.host},
         )
 
@@ -142,6 +142,7 @@ class UrArm:
             MotionStopped: ``stop`` was called.
         """
         self._link.require_open()
+        stops = self._stops
         target = self._checked(joints)
         status = self._motions.ready()
         planned_s = self.duration_s(
@@ -150,7 +151,10 @@ class UrArm:
         speed = self._config.speed_rad_s * _fraction(speed_fraction)
         deadline_s = self._clock.now_s() + min(timeout_s, 2 * planned_s + _SPARE_S)
         _LOG.debug("%s: to %s at %.3f rad/s", self.name, target.tolist(), speed)
-        return self._state_of(self._motions.carry_out(target, speed, deadline_s))
+        reached = self._motions.carry_out(
+            target, speed, deadline_s, stopped=lambda: self._stops != stops
+        )
+        return self._state_of(reached)
 
     def duration_s(
         self,
@@ -175,6 +179,8 @@ class UrArm:
         Raises:
             LinkLost: it is connected, and no way to stop it is left.
         """
+        # Counted first: a motion that is only about to begin is refused then.
+        self._stops += 1
         self._link.interrupt()
         if self._link.is_open:
             self._session.brake()
@@ -256,11 +262,3 @@ def _fraction(speed_fraction: float) -> float:
     if not 0 < speed_fraction <= 1:
         raise ValueError("speed_fraction is above 0 and at most 1")
     return speed_fraction
-
-
-def _is_loopback(host: str) -> bool:
-    """A controller on this very machine is a simulated one."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

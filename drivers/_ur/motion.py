@@ -12,6 +12,8 @@ from drivers._ur.codes import Trouble, motion_trouble, trouble
 from mvp.errors import DeviceError, DeviceFault, DeviceTimeout, LinkLost, MotionStopped
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivers._ur.process import Pending
     from drivers._ur.session import Session
     from drivers._ur.status import Status
@@ -61,16 +63,33 @@ class Motions:
         return status
 
     def carry_out(
-        self, target: FloatArray, speed_rad_s: float, deadline_s: float
+        self,
+        target: FloatArray,
+        speed_rad_s: float,
+        deadline_s: float,
+        *,
+        stopped: Callable[[], bool],
     ) -> Status:
         """Move, and return the state at the target.
+
+        Args:
+            target: (6,) joints, rad.
+            speed_rad_s: of the leading axis.
+            deadline_s: on the clock.
+            stopped: whether a stop has come since the motion was asked for.
 
         Raises:
             MotionStopped, DeviceTimeout, DeviceFault, LinkLost: it is not there; it has
                 been stopped by every way that is left.
         """
         asked = target.tolist()
-        with self._link.busy(lambda: self._session.move(asked, speed_rad_s)) as pending:
+
+        def begin() -> Pending:
+            if stopped():
+                raise MotionStopped("stopped before it moved", device=self._name)
+            return self._session.move(asked, speed_rad_s)
+
+        with self._link.busy(begin) as pending:
             try:
                 self._follow(pending, deadline_s)
                 return self._arrived(target)

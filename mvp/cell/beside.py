@@ -1,14 +1,64 @@
-"""Let a run work beside the caller's thread, which stays free for Ctrl-C."""
+"""Let what moves work beside the caller's thread, which stays free for Ctrl-C."""
 
 from __future__ import annotations
 
+import logging
 import threading
-from typing import TYPE_CHECKING
+import time
+from concurrent.futures import Future
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mvp.cell.runner import Runner, RunOutcome
+
+_T = TypeVar("_T")
+_LOG = logging.getLogger(__name__)
+_STOP_AGAIN_S = 0.05
+_GIVE_UP_S = 30.0
+
+
+class _Beside:
+    """A thread that begins when it is told to.
+
+    A Ctrl-C while a thread is being started leaves it open whether it runs; here nothing
+    has begun then.
+    """
+
+    def __init__(self, work: Callable[[], None], name: str, *, daemon: bool) -> None:
+        self._work = work
+        self._go = threading.Event()
+        self._cancelled = False
+        self.done = threading.Event()
+        try:
+            threading.Thread(target=self._run, name=name, daemon=daemon).start()
+        except BaseException:
+            self.cancel()
+            raise
+
+    @property
+    def begun(self) -> bool:
+        """Whether it was told to begin."""
+        return self._go.is_set()
+
+    def begin(self) -> None:
+        """Let it begin; safe to repeat."""
+        self._go.set()
+
+    def cancel(self) -> None:
+        """Let it end without having begun."""
+        self._cancelled = True
+        self._go.set()
+
+    def _run(self) -> None:
+        self._go.wait()
+        try:
+            if not self._cancelled:
+                self._work()
+        finally:
+            self.done.set()
 
 
 def _abort(runner: Runner) -> None:
@@ -20,31 +70,88 @@ def run_beside(runner: Runner, follow: Callable[[Runner], None]) -> RunOutcome:
 
     Args:
         runner: not yet started.
-        follow: called in this thread; may return early or raise KeyboardInterrupt.
+        follow: called in this thread; may return early or raise KeyboardInterrupt. When
+            it fails nobody watches any more, and the run is stopped, too.
 
     Raises:
         RuntimeError: the thread died without an outcome.
     """
     outcomes: list[RunOutcome] = []
-    done = threading.Event()
-
-    def work() -> None:
-        try:
-            outcomes.append(runner.run())
-        finally:
-            done.set()
-
-    threading.Thread(target=work, name="mvp-cell run").start()
-    serve = follow
+    beside = _Beside(
+        lambda: outcomes.append(runner.run()), "mvp-cell run", daemon=False
+    )
+    failures: list[Exception] = []
+    serve: Callable[[Runner], object] = follow
     ended = False
     while not ended:
         # Another Ctrl-C may come while the first one is still being served. Not
         # Thread.join, which takes a thread for dead when it is interrupted.
         try:
+            beside.begin()
             serve(runner)
-            ended = done.wait()
+            ended = beside.done.wait()
         except KeyboardInterrupt:
             serve = _abort
+        except Exception as error:
+            _LOG.exception("run: nobody watches it any more")
+            failures.append(error)
+            serve = _abort if len(failures) == 1 else _leave
     if not outcomes:
         raise RuntimeError("the run ended without an outcome")
-    return outcomes[0]
+    return replace(outcomes[0], further=(*outcomes[0].further, *failures))
+
+
+def _leave(runner: Runner) -> None:
+    """Stopping itself has failed: wait for the end."""
+
+
+def _tell(stop: Callable[[], object]) -> None:
+    """A stop that fails is tried again."""
+    try:
+        stop()
+    except Exception as error:
+        _LOG.error("stopping failed: %s", error)
+
+
+def call_beside(call: Callable[[], _T], stop: Callable[[], object]) -> _T:
+    """Do something that moves in a thread of its own; Ctrl-C, once or often, stops it.
+
+    A Ctrl-C that hit the driver itself would tear it out of the motion that it watches;
+    here the driver is told to stop, as in a run, and ends its motion in its own way.
+
+    Args:
+        call: what to do.
+        stop: stops the devices, from any thread; called until ``call`` has come back.
+
+    Raises:
+        KeyboardInterrupt: after ``call`` has come back, or has not for 30 s.
+        Whatever ``call`` raises.
+    """
+    outcome: Future[_T] = Future()
+
+    def work() -> None:
+        try:
+            outcome.set_result(call())
+        except BaseException as error:
+            outcome.set_exception(error)
+
+    beside = _Beside(work, "mvp-cell motion", daemon=True)
+    interrupted = False
+    give_up_s = float("inf")
+    while time.monotonic() < give_up_s:
+        try:
+            if interrupted:
+                _tell(stop)
+            beside.begin()
+            if beside.done.wait(_STOP_AGAIN_S if interrupted else None):
+                break
+        except KeyboardInterrupt:
+            if not beside.begun:
+                beside.cancel()
+                raise
+            if not interrupted:
+                give_up_s = time.monotonic() + _GIVE_UP_S
+            interrupted = True
+    if interrupted:
+        raise KeyboardInterrupt
+    return outcome.result()

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     Announced: TypeAlias = Mapping[Role, Mapping[str, object]]
 
 _LOG = logging.getLogger(__name__)
+_MOVING = ("arm", "lens")
 _CALIBRATED_ON = {
     "camera": "camera",
     "lens_table": "lens",
@@ -214,6 +215,26 @@ def _connect_error(failures: dict[str, Exception]) -> DeviceError:
         hint=" ".join(dict.fromkeys(h for h in hints if h))
         or "`mvp-cell check CELL` shows every device",
     )
+
+
+def check_simulated(cell: LoadedCell, infos: Mapping[str, DeviceInfo]) -> None:
+    """Refuse to move real motors in a cell that calls itself simulated.
+
+    Such a cell has no lock of its own, takes any calibration, and everything that it
+    leaves behind is stamped as simulated.
+
+    Raises:
+        ConfigError: arm or lens are real.
+    """
+    real = [role for role in _MOVING if role in infos and not infos[role].simulated]
+    if cell.config.simulated and real:
+        names = " and ".join(f"{role} ({infos[role].model})" for role in real)
+        raise cell.source.error(
+            ("simulated",),
+            f"simulated = true, but real motors answer: {names}",
+            hint="set simulated = false and leave out [world], or let [simulators] "
+            "play the far ends",
+        )
 
 
 def check_serials(cell: LoadedCell, infos: Mapping[str, DeviceInfo]) -> None:

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import Field
 
-from mvp.cell.hardware import opened
+from mvp.cell.beside import call_beside
+from mvp.cell.hardware import check_simulated, opened
 from mvp.cell.homing import home_arm, is_homed
 from mvp.cell.lock import cell_lock
 from mvp.cell.plan_job import Setting, prepare
 from mvp.cell.run_job import lock_of
-from mvp.cell.session import Motion, devices_for
+from mvp.cell.session import Motion, devices_for, start_speed
 from mvp.errors import InfeasibleError, StoppedByOperator
 from mvp.fileedge import FileModel
 from mvp.kinematics import NoPath, find_path
@@ -46,9 +47,10 @@ def home_cell(
     """Move both home; on Ctrl-C both are stopped.
 
     An arm that knows where it is moves only when there is a clear path; another one
-    drives to its references first.
+    drives to its references first. A real arm moves at the speed that a run begins with.
 
     Raises:
+        ConfigError: the cell says that it is simulated, and is not.
         DeviceError: a device failed.
         InfeasibleError: no clear path home.
         StoppedByOperator: a person did not allow it.
@@ -60,19 +62,30 @@ def home_cell(
             stack.enter_context(cell_lock(lock, run_id="home"))
         devices = stack.enter_context(devices_for(setting))
         infos = stack.enter_context(opened(devices))
+        check_simulated(cell, infos)
         homes = not is_homed(devices.arm)
-        path = None if homes else _path_home(setting, devices)
+        if not homes:
+            _path_home(setting, devices)
         if not allow(Motion(cell.config.name, 1, infos, homes=homes)):
             raise StoppedByOperator("the operator did not allow the arm to move")
+        share = start_speed(setting, devices, infos)
         try:
-            home_arm(devices)
-            path = _path_home(setting, devices) if path is None else path
-            lens = devices.lens.home(timeout_s=_LENS_TIMEOUT_S)
-            arm = _move(devices, path)
+            arm, lens = call_beside(
+                lambda: _go_home(setting, devices, share), devices.stop
+            )
         except BaseException:
             devices.stop()
             raise
     return _document(cell, arm, lens)
+
+
+def _go_home(
+    setting: Setting, devices: CellDevices, share: float
+) -> tuple[ArmState, LensState]:
+    """References, lens, arm; the path is looked for from where the arm stands then."""
+    home_arm(devices)
+    lens = devices.lens.home(timeout_s=_LENS_TIMEOUT_S)
+    return _move(devices, _path_home(setting, devices), share), lens
 
 
 def _path_home(setting: Setting, devices: CellDevices) -> FloatArray:
@@ -90,12 +103,13 @@ def _path_home(setting: Setting, devices: CellDevices) -> FloatArray:
     return np.asarray(path.waypoints[1:])
 
 
-def _move(devices: CellDevices, path: FloatArray) -> ArmState:
+def _move(devices: CellDevices, path: FloatArray, share: float) -> ArmState:
     arm = devices.arm
     state = arm.state()
     for target in path.tolist():
-        timeout_s = 2 * arm.duration_s(state.joints, target) + _ARM_SPARE_S
-        state = arm.move_joints(target, timeout_s=timeout_s)
+        expected_s = arm.duration_s(state.joints, target, speed_fraction=share)
+        timeout_s = 2 * expected_s + _ARM_SPARE_S
+        state = arm.move_joints(target, speed_fraction=share, timeout_s=timeout_s)
     return state
 
 

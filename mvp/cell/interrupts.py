@@ -10,12 +10,17 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# The end of the terminal, which not every system tells, ends a command as Ctrl-C does:
+# a process that just died would leave the arm moving.
+ENDING = tuple(
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+_SIGNALS = (signal.SIGINT, *ENDING)
 
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ignore Ctrl-C and SIGTERM meanwhile; nothing to do outside the main thread.
+    """Ignore Ctrl-C and its like meanwhile; nothing to do outside the main thread.
 
     Only for what ends by itself within moments.
     """

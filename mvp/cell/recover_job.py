@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
+from mvp.cell.beside import call_beside
 from mvp.cell.hardware import close_all
 from mvp.cell.lock import cell_lock
 from mvp.cell.plan_job import prepare
@@ -106,7 +107,7 @@ def recover_device(device: Device, guide: Guide) -> RecoveredDevice:
                 hint="`mvp-cell recover CELL` goes on from where it is",
                 where=device.name,
             )
-        reached = step.act()
+        reached = call_beside(step.act, lambda: device.stop())
         _LOG.info("%s: recovery: %s", device.name, reached)
         guide.tell(device.name, reached)
         done.append(RecoveredStep(text=step.text, reached=reached))

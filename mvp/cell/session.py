@@ -8,9 +8,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from mvp.cell.beside import run_beside
+from mvp.cell.beside import call_beside, run_beside
 from mvp.cell.engine import CellEngine
-from mvp.cell.hardware import build_devices, check_serials, opened
+from mvp.cell.hardware import (
+    build_devices,
+    check_serials,
+    check_simulated,
+    opened,
+)
 from mvp.cell.homing import home_arm, is_homed
 from mvp.cell.interrupts import uninterrupted
 from mvp.cell.logs import log_devices, log_to
@@ -125,12 +130,24 @@ def check_before(
 
     The way to the first view is left out while nobody knows where the arm is.
     """
+    check_simulated(setting.cell, infos)
     check_serials(setting.cell, infos)
     check_limits(devices, views, setting.task.config.exposure.exposure_s)
     if is_homed(devices.arm):
         routes.check_all(devices.arm.state().joints, views)
     elif views:
         routes.check_all(views[0].joints_rad, views)
+
+
+def start_speed(
+    setting: Setting, devices: CellDevices, infos: dict[str, DeviceInfo]
+) -> float:
+    """Share of full speed while nobody knows yet that the way is as it is believed.
+
+    Full speed is for arms that exist in the computer alone.
+    """
+    virtual = infos["arm"].simulated and not devices.simulated_roles
+    return 1.0 if virtual else setting.cell.config.motion.start_speed_fraction
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +183,7 @@ class Session:
         if not watcher.allow(motion):
             raise StoppedByOperator("the operator did not allow the arm to move")
         if homes:
-            home_arm(devices)
+            call_beside(lambda: home_arm(devices), devices.stop)
             routes.check_all(devices.arm.state().joints, views)
         return cls(setting, devices, infos, routes, watcher)
 
@@ -232,12 +249,6 @@ class Session:
         )
         log_devices(self.infos.values())
 
-    def _start_speed(self) -> float:
-        """Share of full speed on the way to the first view."""
-        config = self.setting.cell.config
-        virtual = config.world is not None and not self.devices.simulated_roles
-        return 1.0 if virtual else config.motion.start_speed_fraction
-
     def _engine(self, folder: RunFolder, views: Sequence[PlannedView]) -> CellEngine:
         settle = self.setting.cell.config.settle
         exposure = self.setting.task.config.exposure
@@ -245,7 +256,7 @@ class Session:
         return CellEngine(
             self.devices,
             settle_s=(settle.arm_s, settle.lens_s),
-            start_speed=self._start_speed(),
+            start_speed=start_speed(self.setting, self.devices, self.infos),
             preflight=lambda: check_before(
                 self.setting, self.devices, self.infos, views, self.routes
             ),

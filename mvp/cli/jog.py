@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import ExitStack
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -44,7 +45,7 @@ def jog(
 
     Arm in base, tool or camera axes, lens in steps or mm; `help` lists the words.
     """
-    from mvp.cell.hardware import check_driver_configs, opened
+    from mvp.cell.hardware import check_driver_configs, check_simulated, opened
     from mvp.cell.jog_job import Jogger
     from mvp.cell.loading import load_cell, load_task
     from mvp.cell.lock import cell_lock
@@ -70,6 +71,7 @@ def jog(
             )
         devices = stack.enter_context(devices_for(setting))
         infos = stack.enter_context(opened(devices))
+        check_simulated(loaded, infos)
         if not allow_motion(Motion(loaded.config.name, 1, infos), yes=yes):
             raise StoppedByOperator("the operator did not allow the arm to move")
         jogger = Jogger(setting, devices, _save, _show, speed)
@@ -85,6 +87,7 @@ def jog(
 
 def _follow(jogger: Jogger, given: list[str] | None) -> None:
     """One command after the other; at the prompt a refusal ends only its command."""
+    from mvp.cell.beside import call_beside
     from mvp.cell.jog_words import Plain, parse
     from mvp.cli.output import console
     from mvp.errors import InfeasibleError, LimitError, UsageError
@@ -95,7 +98,8 @@ def _follow(jogger: Jogger, given: list[str] | None) -> None:
             command = parse(line)
             if command == Plain("quit"):
                 return
-            say.print(jogger.do(command), markup=False, highlight=False)
+            said = call_beside(partial(jogger.do, command), jogger.devices.stop)
+            say.print(said, markup=False, highlight=False)
         except (UsageError, LimitError, InfeasibleError) as error:
             if given:
                 raise

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 from typer.core import TyperCommand
 
-from mvp.cell.interrupts import uninterrupted
+from mvp.cell.interrupts import ENDING, uninterrupted
 from mvp.cli.output import report_error
 from mvp.errors import MvpCellError, StoppedByOperator, UsageError
 
@@ -96,14 +96,17 @@ def build_app() -> typer.Typer:
 def main() -> None:
     """Entry point of the console script."""
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
-    signal.signal(signal.SIGTERM, _terminated)
+    for number in ENDING:
+        # Whoever began us with nohup wants us to outlive the terminal.
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _terminated)
     try:
         code = invoke(sys.argv[1:])
     except KeyboardInterrupt:
         code = StoppedByOperator.exit_code
     # All is said; Ctrl-C while the interpreter ends would change the exit code.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    for number in (signal.SIGINT, *ENDING):
+        signal.signal(number, signal.SIG_IGN)
     sys.exit(code)
 
 

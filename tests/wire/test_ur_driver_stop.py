@@ -6,7 +6,8 @@ import time
 import numpy as np
 import pytest
 
-from mvp.errors import DeviceError
+from drivers._ur.motion import Motions
+from mvp.errors import DeviceError, MotionStopped
 
 HOME = [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]
 STOPS = (33, 34)  # stopL, stopJ
@@ -53,3 +54,26 @@ def test_a_stop_is_sent_at_once_and_ends_with_the_ramp(ur_bench, speed_deg_s):
     ramp_s = speed / np.radians(170)
     assert np.median(times[:, 0]) <= SENT_S
     assert np.median(times[:, 1]) <= ramp_s + SPARE_S
+
+
+def test_a_stop_while_a_motion_is_only_being_prepared_is_not_forgotten(
+    ur_bench, monkeypatch
+):
+    """The state is still being looked at; nothing has been sent yet."""
+    bench = ur_bench()
+    ready = Motions.ready
+    with bench.arm() as arm:
+        assert not arm.info().simulated  # a tunnel to a real one ends on loopback, too
+        begun_s = bench.now_s()
+
+        def ready_and_stopped(motions):
+            status = ready(motions)
+            arm.stop()
+            return status
+
+        monkeypatch.setattr(Motions, "ready", ready_and_stopped)
+        with pytest.raises(MotionStopped, match="before it moved"):
+            arm.move_joints([0.5, *HOME[1:]], timeout_s=60)
+        assert bench.moves_since(begun_s) == []
+        monkeypatch.undo()
+        arm.move_joints(HOME, timeout_s=60)
