@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _VERSION = re.compile(r"\[VER:([^:\]]*):?([^\]]*)\]")
 _AXES = re.compile(r"\[AXS:\d+:([XYZABCUVW]+)\]")
-_INCHES = re.compile(r"\$13=\s*([\d.]+)")
+_INCHES = re.compile(r"\$13=\s*(\d{1,3}(?:\.\d{0,6})?)", re.ASCII)
 _LISTED = ("[VER", "[OPT", "[AXS", "$")
 _NOT_IDLE = 8
 

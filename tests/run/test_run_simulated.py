@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -11,8 +11,13 @@ from drivers._genicam import installed_backends
 from mvp.cell.records import RunStarted, read_records
 from mvp.cli.main import invoke
 
+if TYPE_CHECKING:
+    from pathlib import Path
 
-def run_of(cell: str, out: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
+
+def run_of(
+    cell: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> dict[str, object]:
     """What ``mvp-cell run`` prints, after it has left as it should."""
     code = invoke(["run", cell, "--out", str(out), "--json"])
     said = capsys.readouterr()
@@ -51,3 +56,9 @@ def test_a_gantry_that_is_homed_an_scf4_lens_and_a_network_camera(
     assert first.simulated
     assert [device.driver for device in first.devices] == ["gantry", "scf4", "opencv"]
     assert all(device.simulated for device in first.devices)
+
+
+def test_a_gantry_goes_home(capsys: pytest.CaptureFixture[str]) -> None:
+    assert invoke(["home", "simulated_gantry", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["joints"] == pytest.approx([150, -250, 480, 0, 0], abs=1e-2)

@@ -1,0 +1,98 @@
+"""Whatever comes over a gantry's wire, only the driver's own errors come out."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers._gantry.config import GantryConfig
+from drivers._gantry.grbl_identity import identity_of, listing, refuse_inches
+from drivers._gantry.grbl_report import ReportReader
+from drivers._gantry.wire import Activity
+from mvp.devices import LineFramer, text
+from mvp.errors import MvpCellError
+
+AXES = [
+    {"letter": x, "low": -100, "high": 0, "speed": 10, "acceleration": 10}
+    for x in "XYZAB"
+]
+CONFIG = GantryConfig.model_validate(
+    {"port": "none", "firmware": "grblhal", "axes": AXES}
+)
+_LINES = st.lists(
+    st.one_of(
+        st.binary(max_size=60),
+        st.from_regex(
+            rb"<(Idle|Run|Hold:[01]|Alarm(:[0-9])?|Door:[0-4]|Odd)"
+            rb"(\|(MPos|WPos|WCO|H|Bf|Pn|FS):[-0-9.,XYZ]{0,30}){0,5}>\r",
+            fullmatch=True,
+        ),
+        st.from_regex(
+            rb"(\[(VER|AXS|OPT):|\$1?3=|error:|ok|ALARM:)[ -~]{0,12}", fullmatch=True
+        ),
+    ),
+    max_size=8,
+)
+
+
+def _read(lines: list[bytes]) -> None:
+    frames = LineFramer().feed(b"\n".join([*lines, b""]))
+    reader, accept = ReportReader("XYZAB"), listing("$", "arm")
+    for frame in frames:
+        report = reader.read(text(frame).strip())
+        assert report is None or len(report.machine) == 5
+        with suppress(MvpCellError):
+            accept(frame)
+    for understand in (
+        lambda: identity_of(frames, CONFIG, "arm"),
+        lambda: refuse_inches(frames, "arm"),
+    ):
+        with suppress(MvpCellError):
+            understand()
+
+
+@given(_LINES)
+@settings(max_examples=200, deadline=None)
+def test_garbage(lines: list[bytes]) -> None:
+    _read(lines)
+
+
+@pytest.mark.full
+@given(_LINES)
+@settings(max_examples=100_000, deadline=None)
+def test_much_garbage(lines: list[bytes]) -> None:
+    _read(lines)
+
+
+def test_reports_of_real_firmware() -> None:
+    grbl, hal = ReportReader("XYZ"), ReportReader("XYZAB")
+    idle = grbl.read(
+        "<Idle|MPos:0.000,0.000,0.000|Bf:15,128|FS:0,0|WCO:0.000,0.000,0.000>"
+    )
+    run = grbl.read("<Run|MPos:-8.440,0.000,0.000|Bf:14,128|FS:985,0|Ov:100,100,100>")
+    homed = hal.read("<Idle|MPos:-1.000,-1.000,-1.000,0.000,0.000|Bf:100,1023|H:1>")
+    assert idle is not None
+    assert (idle.activity, idle.homed) == (Activity.STANDS, None)
+    assert run is not None
+    assert (run.activity, run.machine["X"]) == (Activity.MOVES, -8.44)
+    assert homed is not None
+    assert homed.homed is True
+
+
+def test_work_positions_need_the_offset_that_came_before() -> None:
+    reader = ReportReader("XYZ")
+    assert reader.read("<Idle|WPos:1.000,2.000,3.000>") is None
+    reader.read("<Idle|WPos:1.000,2.000,3.000|WCO:-10.000,0.000,5.000>")
+    report = reader.read("<Idle|WPos:1.000,2.000,3.000|Pn:>")
+    assert report is not None
+    assert dict(report.machine) == {"X": -9.0, "Y": 2.0, "Z": 8.0}
+
+
+@pytest.mark.parametrize("state", ["Alarm:1", "Check", "Sleep", "Door:1", "Hold:0"])
+def test_states_in_which_nothing_may_move(state: str) -> None:
+    report = ReportReader("XYZ").read(f"<{state}|MPos:0.000,0.000,0.000>")
+    assert report is not None
+    assert report.activity in (Activity.ALARM, Activity.HELD)
