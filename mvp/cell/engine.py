@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from mvp.devices import Arm, ArmState, Camera, Clock, Frame, Lens, LensState
+    from mvp.geometry import FloatArray
     from mvp.planning.plan import PlannedView
 
 _LOG = logging.getLogger(__name__)
 _ARM_SPARE_S = 15.0
 _LENS_TIMEOUT_S = 120.0
 _CAPTURE_SPARE_S = 10.0
-_ARRIVED_RAD_OR_MM = 2e-3
 
 ExposureSource: TypeAlias = Literal["task", "metered"]
 
@@ -100,6 +100,7 @@ class CellEngine:
 
     Args:
         devices: opened devices.
+        arrived: how far from a view each axis may stand, (dof,) rad or mm.
         settle_s: waits after arm and after lens.
         start_speed: share of full speed on the way to the first view.
         preflight: everything that must hold before the first motion.
@@ -110,6 +111,7 @@ class CellEngine:
         self,
         devices: CellDevices,
         *,
+        arrived: FloatArray,
         settle_s: tuple[float, float],
         start_speed: float = 1.0,
         preflight: Callable[[], None],
@@ -119,6 +121,7 @@ class CellEngine:
         verifier: Verifier,
     ) -> None:
         self._devices = devices
+        self._arrived = arrived
         self._settle_s = settle_s
         self._speed = start_speed
         self._preflight = preflight
@@ -287,10 +290,11 @@ class CellEngine:
             raise MotionStopped("stopped while settling", device=device)
 
     def _check_arm(self, view: PlannedView, state: ArmState) -> None:
-        off = np.abs(np.subtract(state.joints, view.joints_rad)).max()
-        if not state.standing or off > _ARRIVED_RAD_OR_MM:
+        off = np.abs(np.subtract(state.joints, view.joints_rad))
+        if not state.standing or (off > self._arrived).any():
+            worst = float(off[int(np.argmax(off / self._arrived))])
             raise DeviceFault(
-                f"does not stand at {view.id}: off by {off:.4f} rad (or mm) on one axis"
+                f"does not stand at {view.id}: off by {worst:.4f} rad (or mm) on one axis"
                 f"{'' if state.standing else ', still moving'}",
                 device=self._devices.arm.name,
                 hint="look for a protective stop or a collision before going on",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.cell.arrival import arrival_tolerance
 from mvp.errors import InfeasibleError, UsageError
 from mvp.kinematics import NoPath, find_path
 
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from mvp.cell.engine import CellDevices
     from mvp.geometry import FloatArray
     from mvp.planning.plan import PlannedView
-
-_SAME_START = 5e-3
 
 
 def check_limits(
@@ -72,7 +71,8 @@ class Routes:
         """
         here = np.asarray(start, dtype=np.float64)
         known = self._known.get(view.id)
-        if known is not None and np.abs(known[0] - here).max() < _SAME_START:
+        near = arrival_tolerance(self.arm.cell.arm.joint_units)
+        if known is not None and (np.abs(known[0] - here) <= near).all():
             return np.asarray(known[1:])
         path = find_path(
             self.arm.bodies,

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from mvp.cell.arrival import arrival_tolerance
 from mvp.cell.beside import call_beside, run_beside
 from mvp.cell.engine import CellEngine
 from mvp.cell.hardware import (
@@ -255,6 +256,7 @@ class Session:
         expectations = Expectations(self.setting)
         return CellEngine(
             self.devices,
+            arrived=arrival_tolerance(self.setting.cell.arm.joint_units),
             settle_s=(settle.arm_s, settle.lens_s),
             start_speed=start_speed(self.setting, self.devices, self.infos),
             preflight=lambda: check_before(

@@ -11,19 +11,22 @@ import numpy as np
 import pytest
 
 from mvp.cell import home_job
-from mvp.cell.engine import CellDevices
+from mvp.cell.arrival import arrival_tolerance
+from mvp.cell.engine import CellDevices, CellEngine
 from mvp.cell.hardware import check_simulated
 from mvp.cell.home_job import home_cell
 from mvp.cell.loading import load_cell, load_task
 from mvp.cell.session import start_speed
-from mvp.devices import Arm, Camera, DeviceInfo, Lens, RealClock
-from mvp.errors import ConfigError
+from mvp.devices import Arm, ArmState, Camera, DeviceInfo, Lens, RealClock
+from mvp.errors import ConfigError, DeviceFault
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from mvp.cell.engine import ExposureRule, PictureStore, Verifier
     from mvp.cell.plan_job import Setting
     from mvp.geometry import FloatArray
+    from mvp.planning.plan import PlannedView
 
 
 def infos(*, arm: bool, lens: bool = True) -> dict[str, DeviceInfo]:
@@ -104,3 +107,54 @@ def test_the_way_home_is_looked_for_from_where_the_arm_stands_then(
     assert len(starts) == 2
     assert starts[1][0] - starts[0][0] == pytest.approx(0.1)
     np.testing.assert_allclose(document.joints, cell.home_joints, atol=1e-6)
+
+
+class Steps:
+    """A gantry arm that stands on whole steps, so far from its target."""
+
+    name = "arm"
+
+    def __init__(self, off: list[float]) -> None:
+        self.off = off
+
+    def state(self) -> ArmState:
+        return ArmState((0.0,) * 5, np.eye(4), True, 0.0)
+
+    def duration_s(self, *args: object, **keys: object) -> float:
+        return 1.0
+
+    def move_joints(self, target: list[float], **keys: object) -> ArmState:
+        return ArmState(tuple(np.add(target, self.off)), np.eye(4), True, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("off", "good"),
+    [
+        ([0.00625, 0, 0, 0, 0], True),  # 80 steps/mm
+        ([0, 0, 0.05, 0.001, 0], True),
+        ([0.2, 0, 0, 0, 0], False),
+        ([0, 0, 0, 0.005, 0], False),
+    ],
+)
+def test_whole_steps_of_a_slide_are_no_fault_and_a_missed_place_is_one(
+    off: list[float], good: bool
+) -> None:
+    devices = CellDevices(
+        cast("Arm", Steps(off)), cast("Lens", None), cast("Camera", None), RealClock()
+    )
+    view = cast("PlannedView", SimpleNamespace(id="v1", joints_rad=[1, 2, 3, 0.1, 0]))
+    engine = CellEngine(
+        devices,
+        arrived=arrival_tolerance(["mm", "mm", "mm", "rad", "rad"]),
+        settle_s=(0, 0),
+        preflight=lambda: None,
+        route=lambda start, view: [view.joints_rad],
+        exposure=cast("ExposureRule", None),
+        store=cast("PictureStore", None),
+        verifier=cast("Verifier", None),
+    )
+    if good:
+        engine.move(view)
+    else:
+        with pytest.raises(DeviceFault, match="does not stand at v1"):
+            engine.move(view)
