@@ -1,0 +1,212 @@
+"""From measurements to the table that the planner reads."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from calibration.lens_table.interpolation import AxisCurve, AxisNodes, best_curve
+from calibration.lens_table.separation import LensFit, separate
+from mvp.calibrated import AchievableSet, AchievableZoom
+from mvp.errors import CalibrationError
+from mvp.optics import LensTable, MotorAxis, focus_distance_mm
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from calibration.lens_table.hysteresis import Hysteresis, Side
+    from calibration.lens_table.nodes import LensNode, Measured
+    from mvp.geometry import FloatArray
+    from mvp.optics import AxisName
+
+TemperatureSource: TypeAlias = Literal["device", "operator", "unknown"]
+
+_AXES: tuple[AxisName, ...] = ("zoom", "focus", "iris")
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Temperature while measuring, and who said so.
+
+    Attributes:
+        temperature_c: mean; None: unknown.
+        source: of it.
+        range_k: the table holds so far above and below.
+    """
+
+    temperature_c: float | None = None
+    source: TemperatureSource = "unknown"
+    range_k: float = 5.0
+
+    def __post_init__(self) -> None:
+        if (self.temperature_c is None) != (self.source == "unknown"):
+            raise ValueError("a temperature needs a source, and a source a temperature")
+
+    @property
+    def interval_c(self) -> tuple[float, float] | None:
+        """Where the table holds."""
+        if self.temperature_c is None:
+            return None
+        return self.temperature_c - self.range_k, self.temperature_c + self.range_k
+
+
+@dataclass(frozen=True, eq=False)
+class LensMeasurements:
+    """All that was measured on a lens.
+
+    Attributes:
+        nodes: at zoom and focus steps.
+        iris: pupil diameter (mm) at iris steps.
+        approach: the side from which all nodes of an axis were reached.
+        hysteresis: of the axes where both sides were measured.
+        conditions: temperature.
+        blur_limit_mm: c, the accepted blur on the sensor; sets what d must be good for.
+        e_prior_mm: mean and one standard deviation known beforehand.
+    """
+
+    nodes: Sequence[LensNode]
+    iris: Mapping[int, Measured]
+    blur_limit_mm: float
+    approach: Mapping[AxisName, Side] = field(default_factory=dict)
+    hysteresis: Mapping[AxisName, Hysteresis] = field(default_factory=dict)
+    conditions: Conditions = Conditions()
+    e_prior_mm: tuple[float, float] | None = None
+
+    def digest(self) -> str:
+        """SHA-256 of the numbers, the same for the same numbers in any order."""
+        rows = [
+            (
+                n.zoom,
+                n.focus,
+                *n.values,
+                *n.covariance.ravel(),
+                n.fill,
+                *tuple(
+                    v for m in (n.sharp_mm, n.pupil_mm) if m for v in (m.value, m.sigma)
+                ),
+            )
+            for n in sorted(self.nodes, key=lambda n: (n.zoom, n.focus))
+        ]
+        rows += [(s, self.iris[s].value, self.iris[s].sigma) for s in sorted(self.iris)]
+        text = "\n".join(" ".join(float(v).hex() for v in row) for row in rows)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+@dataclass(frozen=True, eq=False)
+class LensTables:
+    """Curves of the three motors and the table made of them.
+
+    Attributes:
+        measured: where they come from.
+        fit: f, x, d, e with their uncertainty.
+        curves: of zoom (f), focus (x) and iris (a).
+        table: as the planner reads it; None where a curve is not monotone.
+        round_trip_steps: the largest difference after steps -> mm -> steps.
+    """
+
+    measured: LensMeasurements
+    fit: LensFit
+    curves: Mapping[AxisName, AxisCurve]
+    table: LensTable | None
+    round_trip_steps: int
+
+    @property
+    def depth_of_focus_mm(self) -> FloatArray:
+        """(n,): c d / a at every node with the iris wide open (half depth of focus)."""
+        widest = float(self.curves["iris"].table_mm.max())
+        return np.asarray(self.measured.blur_limit_mm * self.fit.d_mm / widest)
+
+
+def build_tables(measured: LensMeasurements) -> LensTables:
+    """Separate f, d and e, and draw a curve for every motor.
+
+    Raises:
+        CalibrationError: too little was measured to make a table at all.
+    """
+    fit = separate(measured.nodes, e_prior_mm=measured.e_prior_mm)
+    seen = fit.seen
+    _check_counts(len(seen.zoom_steps), len(seen.focus_steps), len(measured.iris))
+    irises = sorted(measured.iris)
+    a = AxisNodes(
+        np.array(irises, dtype=np.int64),
+        np.array([measured.iris[step].value for step in irises]),
+        np.array([measured.iris[step].sigma for step in irises]),
+    )
+    curves: dict[AxisName, AxisCurve] = {
+        "zoom": best_curve(AxisNodes(seen.zoom_steps, fit.f_mm, fit.f_sigma_mm)),
+        "focus": best_curve(AxisNodes(seen.focus_steps, fit.x_mm, fit.x_sigma_mm)),
+        "iris": best_curve(a),
+    }
+    table = None
+    if all(curve.monotone for curve in curves.values()):
+        zoom, focus, iris = (
+            MotorAxis(
+                name,
+                curves[name].table_steps.astype(np.float64),
+                curves[name].table_mm,
+            )
+            for name in _AXES
+        )
+        table = LensTable(zoom, focus, iris, fit.e_mm)
+    return LensTables(measured, fit, curves, table, round_trip_steps(table))
+
+
+def round_trip_steps(table: LensTable | None) -> int:
+    """Largest |steps - back| over every whole step of every axis; -1 without a table."""
+    if table is None:
+        return -1
+    worst = 0
+    for axis in (table.zoom, table.focus, table.iris):
+        first, last = axis.range_steps
+        steps = np.arange(first, last + 1)
+        back = np.rint(axis.fractional_steps(axis.value_mm(steps)))
+        worst = max(worst, int(np.abs(back - steps).max()))
+    return worst
+
+
+def achievable_set(table: LensTable) -> AchievableSet:
+    """What the motors reach, at every zoom of the table."""
+    low, high = table.extension_range_mm
+    zooms = []
+    for step, f in zip(table.zoom.steps, table.zoom.values_mm, strict=True):
+        near, far = focus_distance_mm([f + high, f + low], f) - table.pupil_offset_mm
+        zooms.append(
+            AchievableZoom(
+                zoom=int(step),
+                f_mm=float(f),
+                d_low_mm=float(f + low),
+                d_high_mm=float(f + high),
+                sharp_near_mm=float(near),
+                sharp_far_mm=float(far) if np.isfinite(far) else None,
+            )
+        )
+    return AchievableSet(
+        zooms=zooms,
+        a_low_mm=table.a_range_mm[0],
+        a_high_mm=table.a_range_mm[1],
+        f_per_step_mm=_largest_step_mm(table.zoom),
+        x_per_step_mm=_largest_step_mm(table.focus),
+        a_per_step_mm=_largest_step_mm(table.iris),
+    )
+
+
+def _largest_step_mm(axis: MotorAxis) -> float:
+    first, last = axis.range_steps
+    values = axis.value_mm(np.arange(first, last + 1))
+    return float(np.abs(np.diff(values)).max())
+
+
+def _check_counts(zooms: int, focuses: int, irises: int) -> None:
+    few = [
+        f"{name} at {count}"
+        for name, count in (("zoom", zooms), ("focus", focuses), ("iris", irises))
+        if count < 2
+    ]
+    if few:
+        raise CalibrationError(
+            f"a table needs two or more steps of every motor; measured: {', '.join(few)}",
+            hint="measure at least both ends of each motor's range",
+        )
