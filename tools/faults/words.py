@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -86,3 +86,6 @@ class NoSense:
     """A fault that a device cannot have."""
 
     why: str
+
+
+Row: TypeAlias = dict[str, Case | NoSense]
