@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray
 
 TSAI_NAMES = ("f_mm", "cx_px", "cy_px", "sx", "k1_per_mm2")
+_NO_DISTORTION = 1e-100
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ class TsaiCamera:
         k1 > 0 the same holds with sinh.
         """
         k1 = self.k1_per_mm2
-        if k1 == 0:
+        if abs(k1) < _NO_DISTORTION:
             return ideal_mm
         reach = float(np.sqrt(1 / (3 * abs(k1))))
         size = 1.5 * ideal_mm / reach
