@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from mvp.cell.jog_job import Jogger
+    from mvp.cell.plan_job import Setting
     from mvp.devices import Frame
 
 
@@ -45,16 +46,12 @@ def jog(
 
     Arm in base, tool or camera axes, lens in steps or mm; `help` lists the words.
     """
-    from mvp.cell.hardware import check_driver_configs, check_simulated, opened
-    from mvp.cell.jog_job import Jogger
+    from mvp.cell.hardware import check_driver_configs
     from mvp.cell.loading import load_cell, load_task
-    from mvp.cell.lock import cell_lock
     from mvp.cell.plan_job import prepare
-    from mvp.cell.run_job import lock_of
-    from mvp.cell.session import Motion, devices_for
-    from mvp.cli.ask import allow_motion, terminal
+    from mvp.cli.ask import terminal
     from mvp.cli.output import print_model
-    from mvp.errors import StoppedByOperator, UsageError
+    from mvp.errors import UsageError
 
     loaded = load_cell(cell, accept_calibration=accept_calibration)
     check_driver_configs(loaded)
@@ -64,25 +61,44 @@ def jog(
             "jog asks for commands, and there is no terminal to ask on",
             hint='give them: --do "frame camera" --do "z 5"',
         )
-    with ExitStack() as stack:
-        if not loaded.config.simulated:
-            stack.enter_context(
-                cell_lock(lock_of(setting, loaded.folder), run_id="jog")
-            )
-        devices = stack.enter_context(devices_for(setting))
-        infos = stack.enter_context(opened(devices))
-        check_simulated(loaded, infos)
-        if not allow_motion(Motion(loaded.config.name, 1, infos), yes=yes):
-            raise StoppedByOperator("the operator did not allow the arm to move")
-        jogger = Jogger(setting, devices, _save, _show, speed)
-        try:
-            _follow(jogger, do)
-        except BaseException:
-            devices.stop()
-            raise
+    with _allowed(setting, speed, yes=yes) as jogger:
+        _follow(jogger, do)
         if as_json:
             print_model(jogger.document())
     return 0
+
+
+@contextmanager
+def _allowed(setting: Setting, speed: float, *, yes: bool) -> Iterator[Jogger]:
+    """Open devices, a person's consent, and a stop when anything goes wrong.
+
+    Raises:
+        StoppedByOperator: motion was not allowed.
+        RecordError: a run or another jog is on this cell.
+    """
+    from mvp.cell.hardware import check_simulated, opened
+    from mvp.cell.jog_job import Jogger
+    from mvp.cell.lock import cell_lock
+    from mvp.cell.run_job import lock_of
+    from mvp.cell.session import Motion, devices_for
+    from mvp.cli.ask import allow_motion
+    from mvp.errors import StoppedByOperator
+
+    cell = setting.cell
+    with ExitStack() as stack:
+        if not cell.config.simulated:
+            lock = lock_of(setting, cell.folder)
+            stack.enter_context(cell_lock(lock, run_id="jog"))
+        devices = stack.enter_context(devices_for(setting))
+        infos = stack.enter_context(opened(devices))
+        check_simulated(cell, infos)
+        if not allow_motion(Motion(cell.config.name, 1, infos), yes=yes):
+            raise StoppedByOperator("the operator did not allow the arm to move")
+        try:
+            yield Jogger(setting, devices, _save, _show, speed)
+        except BaseException:
+            devices.stop()
+            raise
 
 
 def _follow(jogger: Jogger, given: list[str] | None) -> None:
