@@ -74,6 +74,7 @@ class CameraEstimate:
         free: which numbers of the camera were estimated.
         errors_px: (m, 2), predicted less found.
         rms_px: root mean square of the distance of a point, as OpenCV reports it.
+        view_names: of the views.
         view_rms_px: (views,), the same for each view.
         sigma_px: one standard deviation of a coordinate: assumed, or from the residuals.
         out_of_sample_px: root mean square distance on held-out views; None: not tested.
@@ -86,6 +87,7 @@ class CameraEstimate:
     free: Freedom
     errors_px: FloatArray
     rms_px: float
+    view_names: tuple[str, ...]
     view_rms_px: FloatArray
     sigma_px: float
     out_of_sample_px: float | None
@@ -153,6 +155,7 @@ def calibrate_camera(
         problem.free,
         errors,
         float(np.sqrt(squares.mean())),
+        seen.names,
         view_rms,
         sigma,
         tested,

@@ -8,9 +8,13 @@ from mvp.calibrated.models import (
     LensNodeResult,
     LensTableCalibration,
     LensValidity,
+    NamedCovariance,
     Provenance,
     Quality,
     RigidCalibration,
+    Validity,
+    VerdictCause,
+    ViewResidual,
 )
 
 __all__ = [
@@ -21,7 +25,11 @@ __all__ = [
     "LensNodeResult",
     "LensTableCalibration",
     "LensValidity",
+    "NamedCovariance",
     "Provenance",
     "Quality",
     "RigidCalibration",
+    "Validity",
+    "VerdictCause",
+    "ViewResidual",
 ]

@@ -5,15 +5,19 @@ The planner and the run read these; only ``calibration`` fits them. Files are JS
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mvp.fileedge import FileModel
 
 
 class Provenance(FileModel):
-    """Where a result comes from and what it may be used for."""
+    """Where a result comes from and what it may be used for.
+
+    ``origin``: measured on the device, or taken from its data sheet. ``serial_numbers``:
+    of every device that took part, by its role in the cell.
+    """
 
     date: str
     device_serial: str
@@ -21,20 +25,88 @@ class Provenance(FileModel):
     simulated: bool = False
     input_sha256: str = ""
     temperature_c: float | None = None
+    origin: Literal["measured", "nominal"] = "measured"
+    serial_numbers: dict[str, str] = Field(default_factory=dict)
+
+
+class Validity(FileModel):
+    """Under which conditions a result holds; None: not limited."""
+
+    temperature_min_c: float | None = None
+    temperature_max_c: float | None = None
+    approach: Literal["from_below", "from_above"] | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        low, high = self.temperature_min_c, self.temperature_max_c
+        if low is not None and high is not None and low > high:
+            raise ValueError("temperature_min_c is above temperature_max_c")
+        return self
+
+
+class NamedCovariance(FileModel):
+    """A covariance with the names (with units) of its rows and columns."""
+
+    parameters: list[str]
+    matrix: list[list[float]]
+
+    @model_validator(mode="after")
+    def _square(self) -> Self:
+        size = len(self.parameters)
+        if len(self.matrix) != size or any(len(row) != size for row in self.matrix):
+            raise ValueError(f"the matrix must be {size} x {size}, as the parameters")
+        return self
+
+
+class VerdictCause(FileModel):
+    """One thing that speaks against a result, and what to do about it."""
+
+    code: str
+    grade: Literal["marginal", "no-go"]
+    message: str
+    action: str
+
+
+class ViewResidual(FileModel):
+    """What one view (or pose, or node) leaves unexplained."""
+
+    name: str
+    rms_px: float | None = None
+    rms_mm: float | None = None
 
 
 class Quality(FileModel):
-    """How good it is: residual, error at the working distance, and a verdict."""
+    """How good it is: residual, error at the working distance, and a verdict.
+
+    ``condition``: ratio of the best to the worst determined combination of parameters,
+    after scaling; ``weakest_direction`` names the worst one with its standard deviation.
+    ``chi_square_probability``: of residuals as large as these if the model and the
+    assumed noise are right. ``out_of_sample``: RMS error on data that took no part.
+    """
 
     verdict: Literal["go", "marginal", "no-go"]
     rms_px: float | None = None
     rms_mm: float | None = None
     error_95_mm: float | None = None
     reasons: list[str] = Field(default_factory=list)
+    causes: list[VerdictCause] = Field(default_factory=list)
+    next_action: str = ""
+    condition: float | None = None
+    weakest_direction: str = ""
+    chi_square: float | None = None
+    degrees_of_freedom: int | None = None
+    chi_square_probability: float | None = None
+    out_of_sample_px: float | None = None
+    out_of_sample_mm: float | None = None
+    views: list[ViewResidual] = Field(default_factory=list)
 
 
 class CameraCalibration(FileModel):
-    """Sensor, principal point and distortion (OpenCV's order and meaning)."""
+    """Sensor, principal point and distortion (OpenCV's order and meaning).
+
+    ``reference_fx_px`` and ``reference_fy_px``: principal distance at the lens setting of
+    the pictures, over the pixel pitches; the covariance includes them.
+    """
 
     schema_: Literal["mvp-cell/camera/1"] = Field(alias="schema")
     provenance: Provenance
@@ -51,6 +123,10 @@ class CameraCalibration(FileModel):
     p2: float = 0.0
     k3: float = 0.0
     standard_deviation: dict[str, float] = Field(default_factory=dict)
+    reference_fx_px: float | None = Field(default=None, gt=0)
+    reference_fy_px: float | None = Field(default=None, gt=0)
+    covariance: NamedCovariance | None = None
+    validity: Validity = Validity()
 
 
 class AxisTable(FileModel):
@@ -139,6 +215,7 @@ class LensTableCalibration(FileModel):
     d_standard_deviation_mm: float = Field(default=0.0, ge=0)
     f_standard_deviation_mm: float = Field(default=0.0, ge=0)
     a_standard_deviation_mm: float = Field(default=0.0, ge=0)
+    covariance: NamedCovariance | None = None
     pupil_offset_standard_deviation_mm: float = Field(default=0.0, ge=0)
     nodes: list[LensNodeResult] = Field(default_factory=list)
     achievable: AchievableSet | None = None
@@ -165,3 +242,4 @@ class RigidCalibration(FileModel):
     covariance: list[list[float]] | None = None
     reference_d_mm: float | None = None
     reference_f_mm: float | None = None
+    validity: Validity = Validity()
