@@ -7,6 +7,11 @@ from calibration.lens_table.aperture import (
     measure_aperture,
 )
 from calibration.lens_table.export import LensIdentity, calibration_file
+from calibration.lens_table.from_views import (
+    PixelGrid,
+    filled_share,
+    node_from_views,
+)
 from calibration.lens_table.hysteresis import BothSides, Hysteresis, measure_hysteresis
 from calibration.lens_table.interpolation import (
     AxisCurve,
@@ -50,6 +55,7 @@ __all__ = [
     "LensNode",
     "LensTables",
     "Measured",
+    "PixelGrid",
     "TravelPrior",
     "TravelResult",
     "TravelShots",
@@ -59,11 +65,13 @@ __all__ = [
     "calibration_file",
     "camera_from_tool",
     "defocus",
+    "filled_share",
     "judge_lens",
     "measure_aperture",
     "measure_hysteresis",
     "measure_travel",
     "next_direction",
+    "node_from_views",
     "round_trip_steps",
     "separate",
 ]

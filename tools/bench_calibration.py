@@ -1,0 +1,324 @@
+"""Calibration beside OpenCV: the same seeded data for both, errors against the truth."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calibration.camera import CameraOptions, calibrate_camera
+from calibration.lens_table import (
+    LensNode,
+    Measured,
+    PixelGrid,
+    TravelPrior,
+    TravelShots,
+    measure_travel,
+    node_from_views,
+    separate,
+)
+from calibration.observations import Observations
+from mvp.testing.paraxial_lens import ParaxialLens
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+PITCH_MM, F_MM, E_MM, NOISE_PX = 0.0055, 12.5, 8.0, 0.1
+SIZE_PX = (1600, 1200)
+CENTRE = np.array([806.0, 595.0])
+K1_PER_MM2 = -2e-3
+FOCUSED_MM = (150.0, 250.0, 500.0, 1000.0)
+SHARP_SHARE = 0.005
+FIX_ALL_BUT_K1 = (
+    cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
+) | cv2.CALIB_FIX_ASPECT_RATIO
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line: root mean square errors over all trials.
+
+    Attributes:
+        what: quantity and data.
+        unit: of the errors.
+        ours: of this package.
+        rival: OpenCV's, or of what ``against`` says; None where there is none.
+        against: whose figure that is.
+        bar: ours must not exceed it.
+        honest: share of our errors within the sigma that we stated.
+        ours_s: seconds per trial.
+        rival_s: seconds per trial.
+    """
+
+    what: str
+    unit: str
+    ours: float
+    rival: float | None
+    against: str
+    bar: float | None
+    honest: float | None
+    ours_s: float
+    rival_s: float | None
+
+    @property
+    def kept(self) -> bool:
+        return self.bar is None or self.ours <= self.bar
+
+
+class Clock:
+    """Seconds per call, by name."""
+
+    def __init__(self) -> None:
+        self.spent: dict[str, list[float]] = {}
+
+    def run(self, name: str, work: Callable[[], object]) -> object:
+        begin = time.perf_counter()
+        found = work()
+        self.spent.setdefault(name, []).append(time.perf_counter() - begin)
+        return found
+
+    def mean_s(self, name: str) -> float:
+        return float(np.mean(self.spent[name]))
+
+
+def lens_at(u_mm: float) -> ParaxialLens:
+    """Focused u from the front nodal point."""
+    d = F_MM * u_mm / (u_mm - F_MM)
+    return ParaxialLens.thin(f_mm=F_MM, d_mm=d, e_mm=E_MM, a_mm=1.0)
+
+
+def f_cal_of(lens: ParaxialLens) -> float:
+    """Principal distance, from a chief ray."""
+    return float(lens.scale(100.0)) * 100.0
+
+
+def board(lens: ParaxialLens, z_mm: float, fill: float = 0.8) -> np.ndarray:
+    """12 x 9 points that fill a share of the picture's short side at a distance."""
+    side = fill * SIZE_PX[1] * PITCH_MM / float(lens.scale(z_mm))
+    x, y = np.meshgrid(np.linspace(-0.65, 0.65, 12), np.linspace(-0.5, 0.5, 9))
+    return np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3) * side
+
+
+def imaged(
+    lens: ParaxialLens, points: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Pixels of points (m, 3) in camera axes: chief rays, k1, noise."""
+    sensor = points[:, :2] * lens.scale(points[:, 2])[:, None]
+    r2 = (sensor**2).sum(axis=1, keepdims=True)
+    pixels = sensor * (1 + K1_PER_MM2 * r2) / PITCH_MM + CENTRE
+    return pixels + rng.normal(0, NOISE_PX, pixels.shape)
+
+
+def tilted(lens: ParaxialLens, u_mm: float, views: int, rng: np.random.Generator):
+    """Pictures of the board tilted by 30 deg about axes all around."""
+    points, z = board(lens, u_mm - E_MM), np.array([0, 0, u_mm - E_MM])
+    pixels = []
+    for angle in rng.uniform(0, 1) + 2 * np.pi * np.arange(views) / views:
+        about = np.radians(30) * np.array([np.cos(angle), np.sin(angle), 0])
+        pixels.append(imaged(lens, Rotation.from_rotvec(about).apply(points) + z, rng))
+    return Observations.from_views([points] * views, pixels, size_px=SIZE_PX)
+
+
+def opencv_camera(seen: Observations) -> np.ndarray:
+    """fx, cx, cy by ``cv2.calibrateCamera`` with k1 and one focal length."""
+    views = [seen.of_view(i) for i in range(seen.views)]
+    points = [p.astype(np.float32) for p, _ in views]
+    pixels = [q.astype(np.float32) for _, q in views]
+    start = np.array([[2300.0, 0, 800], [0, 2300.0, 600], [0, 0, 1]])
+    flags = FIX_ALL_BUT_K1 | cv2.CALIB_USE_INTRINSIC_GUESS
+    found = cv2.calibrateCamera(
+        points, pixels, SIZE_PX, start, np.zeros(5), flags=flags
+    )
+    return np.array([found[1][0, 0], *found[1][:2, 2]])
+
+
+def rms(errors: list[float] | np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def bench_camera(trials: int, rng: np.random.Generator) -> Iterator[Row]:
+    """Five tilted views: principal distance and centre, both programs."""
+    lens, clock = lens_at(250.0), Clock()
+    options = CameraOptions(
+        free=("fx_px", "fy_px", "cx_px", "cy_px", "k1"),
+        tied_focal=True,
+        sigma_px=NOISE_PX,
+        folds=0,
+    )
+    truth = np.array([f_cal_of(lens) / PITCH_MM, *CENTRE])
+    ours, rival, sigma = [], [], []
+    for _ in range(trials):
+        seen = tilted(lens, 250.0, 5, rng)
+        found = clock.run("ours", lambda seen=seen: calibrate_camera(seen, options))
+        camera = found.camera
+        ours.append(np.array([camera.fx_px, camera.cx_px, camera.cy_px]) - truth)
+        sigma.append([found.sigma_of(n) for n in ("fx_px", "cx_px", "cy_px")])
+        rival.append(clock.run("cv2", lambda seen=seen: opencv_camera(seen)) - truth)
+    ours, rival, sigma = (np.array(values) for values in (ours, rival, sigma))
+    for name, columns, unit, scale, bar in (
+        ("principal distance, 5 views at 30 deg", [0], "um", 1e3 * PITCH_MM, 6.5),
+        ("image centre, 5 views at 30 deg", [1, 2], "px", 1.0, 0.7),
+    ):
+        yield Row(
+            f"camera: {name}",
+            unit,
+            rms(ours[:, columns]) * scale,
+            rms(rival[:, columns]) * scale,
+            "OpenCV calibrateCamera",
+            bar,
+            float(np.mean(np.abs(ours[:, columns]) < sigma[:, columns])),
+            clock.mean_s("ours"),
+            clock.mean_s("cv2"),
+        )
+
+
+def focused_nodes(
+    rng: np.random.Generator, clock: Clock
+) -> tuple[list[LensNode], np.ndarray]:
+    """Nodes of four focus settings, and what OpenCV has for each f_cal."""
+    nodes, theirs = [], []
+    for step, u in enumerate(FOCUSED_MM):
+        lens = lens_at(u)
+        seen = tilted(lens, u, 5, rng)
+        far = lens.sharp_from_pupil_mm()
+        sharp = Measured(far * (1 + rng.normal(0, SHARP_SHARE)), far * SHARP_SHARE)
+        grid = PixelGrid(PITCH_MM, PITCH_MM, NOISE_PX)
+        node, _ = node_from_views(seen, (0, step), grid, sharp_mm=sharp, folds=0)
+        nodes.append(node)
+        found = clock.run("cv2", lambda seen=seen: opencv_camera(seen))
+        theirs.append(found[0] * PITCH_MM)
+    return nodes, np.array(theirs)
+
+
+def bench_focus(trials: int, rng: np.random.Generator) -> Iterator[Row]:
+    """f, d and e of four focus settings; OpenCV's focal length taken for d beside it."""
+    d_true = np.array([lens_at(u).d_mm for u in FOCUSED_MM])
+    clock, errors, sigmas, rival = Clock(), [], [], []
+    for _ in range(trials):
+        nodes, theirs = focused_nodes(rng, clock)
+        found = clock.run("ours", lambda nodes=nodes: separate(nodes))
+        off = [found.f_mm[0] - F_MM, found.e_mm - E_MM, *(found.d_mm - d_true)]
+        errors.append(off)
+        sigmas.append([found.f_sigma_mm[0], found.e_sigma_mm, *found.d_sigma_mm])
+        rival.append(theirs - d_true)
+    off, sigma = np.array(errors), np.array(sigmas)
+    for name, columns, unit, scale, bar in (
+        ("f", [0], "um", 1e3, 4.0),
+        ("pupil offset e", [1], "mm", 1.0, 0.3),
+        ("d", [2, 3, 4, 5], "um", 1e3, 0.5 * float(d_true.min())),
+    ):
+        theirs = rms(np.array(rival)) * scale if name == "d" else None
+        yield Row(
+            f"lens: {name} from 4 focus settings",
+            unit,
+            rms(off[:, columns]) * scale,
+            theirs,
+            "OpenCV's focal length taken for d" if theirs else "",
+            bar,
+            float(np.mean(np.abs(off[:, columns]) < sigma[:, columns])),
+            clock.mean_s("ours"),
+            4 * clock.mean_s("cv2") if theirs else None,
+        )
+
+
+def travel_shots(rng: np.random.Generator) -> TravelShots:
+    """Nine stops over 75 mm with 0.02 mm, one degree off the axis."""
+    lens, z = lens_at(250.0), 250.0 - E_MM
+    points = board(lens, z - 37.5)
+    travel = np.linspace(-37.5, 37.5, 9)
+    along = np.array([0.012, -0.012, 1.0]) / np.linalg.norm([0.012, -0.012, 1.0])
+    pixels = []
+    for s in travel:
+        turn = Rotation.from_rotvec(np.array([0.006, 0.006, 0.1]))
+        turn = Rotation.from_rotvec(rng.normal(0, 1e-4, 3)) * turn
+        place = np.array([0, 0, z]) - s * along + rng.normal(0, 0.02, 3)
+        pixels.append(imaged(lens, turn.apply(points) + place, rng))
+    return TravelShots(travel, points, np.array(pixels), NOISE_PX, 0.02)
+
+
+def opencv_frontal(shots: TravelShots) -> float:
+    """What ``cv2.calibrateCamera`` makes of the same nearly frontal pictures, px."""
+    count = len(shots.travel_mm)
+    seen = Observations.from_views(
+        [shots.points_target_mm] * count, list(shots.pixels), size_px=SIZE_PX
+    )
+    return float(opencv_camera(seen)[0])
+
+
+def bench_travel(trials: int, rng: np.random.Generator) -> Iterator[Row]:
+    """A squarely faced target and a travel of 75 mm."""
+    truth = f_cal_of(lens_at(250.0))
+    clock, errors, sigmas, rival = Clock(), [], [], []
+    for _ in range(trials):
+        shots = travel_shots(rng)
+        centre = CENTRE + rng.normal(0, 2, 2)
+        prior = TravelPrior((float(centre[0]), float(centre[1])), 2.0)
+        found = clock.run("ours", lambda s=shots, p=prior: measure_travel(s, p))
+        off = found.pupil_to_target_mm - (250.0 - E_MM)
+        errors.append([found.f_px * PITCH_MM - truth, off])
+        sigmas.append([found.f_sigma_px * PITCH_MM, found.pupil_sigma_mm])
+        theirs = clock.run("cv2", lambda s=shots: opencv_frontal(s))
+        rival.append(theirs * PITCH_MM - truth)
+    off, sigma = np.array(errors), np.array(sigmas)
+    names = ("principal distance", "um", 1e3, 6.5), ("entrance pupil", "mm", 1.0, 0.3)
+    for column, (name, unit, scale, bar) in enumerate(names):
+        theirs = rms(rival) * scale if column == 0 else None
+        yield Row(
+            f"travel: {name}, 75 mm at 0.02 mm",
+            unit,
+            rms(off[:, column]) * scale,
+            theirs,
+            "OpenCV calibrateCamera, same pictures" if theirs else "",
+            bar,
+            float(np.mean(np.abs(off[:, column]) < sigma[:, column])),
+            clock.mean_s("ours"),
+            clock.mean_s("cv2") if theirs else None,
+        )
+
+
+BENCHES: dict[str, Callable[[int, np.random.Generator], Iterator[Row]]] = {
+    "camera": bench_camera,
+    "focus": bench_focus,
+    "travel": bench_travel,
+}
+
+
+def shown(row: Row) -> str:
+    """A line of the table."""
+    rival = f"{row.rival:9.3f}" if row.rival is not None else "        -"
+    bar = f"{row.bar:7.2f}" if row.bar is not None else "      -"
+    honest = f"{100 * row.honest:4.0f} %" if row.honest is not None else "     -"
+    kept = "kept" if row.kept else "MISSED"
+    return (
+        f"{row.what:46} {row.ours:9.3f} {rival} {row.unit:>4} {bar} {kept:>6} "
+        f"{honest} {1e3 * row.ours_s:7.0f} ms  {row.against}"
+    )
+
+
+def main() -> int:
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("--trials", type=int, default=10)
+    asked.add_argument("--seed", type=int, default=0)
+    asked.add_argument("--only", choices=BENCHES, action="append")
+    asked.add_argument("--json", action="store_true")
+    given = asked.parse_args()
+    rows = []
+    for name in given.only or BENCHES:
+        rng = np.random.default_rng([given.seed, list(BENCHES).index(name)])
+        rows += list(BENCHES[name](given.trials, rng))
+    if given.json:
+        print(json.dumps([asdict(row) for row in rows], indent=1))
+    else:
+        print(f"{'RMS error':46} {'ours':>9} {'rival':>9} {'':>4} {'bar':>7}")
+        print("\n".join(shown(row) for row in rows))
+    return 0 if all(row.kept for row in rows) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
