@@ -68,6 +68,7 @@ class OnASimulatedGantry(ArmConformance):
                 "serial": "G-1",
                 "axes": [*slides, *HEAD],
                 "settle_s": 0,
+                "answer_s": 5,  # the simulator shares the processors with other tests
             }
         )
         return GantryArm.from_config(config, DeviceContext(), name="arm")
@@ -109,7 +110,7 @@ class TestMarlin(OnASimulatedGantry):
             arm.home(timeout_s=60)
             arm.move_joints(first, timeout_s=60)
             result = meanwhile(
-                lambda: arm.move_joints(second, speed_fraction=0.05, timeout_s=60),
+                lambda: arm.move_joints(second, speed_fraction=0.01, timeout_s=60),
                 lambda: not arm.state().standing,
                 arm.stop,
             )

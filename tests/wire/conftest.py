@@ -210,6 +210,7 @@ class GantryBench:
             "firmware": self.firmware,
             "axes": [*slides, *HEAD],
             "settle_s": 0,
+            "answer_s": 3,  # the simulator shares the processors
             "identify_s": 3,
             **keys,
         }

@@ -241,9 +241,10 @@ def test_a_frame_of_an_abandoned_trigger_is_not_taken_for_a_later_one(
         refuses(DeviceTimeout, lambda: _now(camera, timeout_s=1e-4))
         time.sleep(0.2)
         frame = _now(camera)
-    # The abandoned trigger's frame was made, and thrown away.
+    # The abandoned trigger's frame was made, and thrown away; a frame that came too
+    # early to be believed is made once more.
     made = (int(frame.pixels[0, 0]) - int(first.pixels[0, 0])) % 255
-    assert made == 2
+    assert made in (2, 3)
     assert frame.received_s >= frame.exposure_start_s + frame.exposure_s
 
 
