@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, IntArray
 
 _FOLDS = 5
+_ROBUST_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ def calibrate_camera(
     squares = (errors**2).sum(axis=1)
     counts = np.bincount(seen.view)
     tested = _held_out_rms(seen, options, found.state)
-    sigma = options.sigma_px or float(np.sqrt(found.estimate.variance_factor))
+    sigma = float(np.max(problem.sigma_px))
     view_rms = np.sqrt(np.bincount(seen.view, squares) / counts)
     verdict = judge_camera(
         seen,
@@ -170,9 +171,13 @@ def _solved(
         problem = _problem(seen, options, start.camera, options.sigma_px or 1.0)
         if options.sigma_px is None:
             first = fit(problem, start, FitOptions(noise_known=False))
-            start = first.state
-            sigma = float(np.sqrt(first.estimate.variance_factor)) or 1.0
+            start, sigma = first.state, _noise_px(first.estimate, options.huber)
             problem = _problem(seen, options, start.camera, sigma)
+            for _ in range(_ROBUST_ROUNDS if options.huber else 0):
+                again = fit(problem, start, FitOptions(huber=options.huber))
+                start = again.state
+                sigma *= _noise_px(again.estimate, options.huber)
+                problem = _problem(seen, options, start.camera, sigma)
         how = FitOptions(huber=options.huber, noise_known=options.sigma_px is not None)
         return problem, fit(problem, start, how)
     except ValueError as error:
@@ -180,6 +185,13 @@ def _solved(
             f"the camera cannot be calibrated from {seen.views} view(s): {error}",
             hint="take more views, or hold some parameters",
         ) from error
+
+
+def _noise_px(estimate: Estimate, huber: float | None) -> float:
+    """One standard deviation of a residual; a robust fit takes it from the median."""
+    if huber is not None:
+        return float(1.4826 * np.median(np.abs(estimate.residuals))) or 1.0
+    return float(np.sqrt(estimate.variance_factor)) or 1.0
 
 
 def _problem(

@@ -72,6 +72,8 @@ HELD_OUT = Limit(
     3.0,
     "add views; look for one that was taken at another lens setting",
 )
+_LEAST_VIEWS = 3
+_PERFECT_PX = 0.02
 _OUTLYING_VIEW = 3.0
 _WORST_VIEW_FLOOR_PX = 0.3
 
@@ -94,7 +96,8 @@ def judge_camera(
         _sigma_causes(state, estimate),
         RESIDUAL.check(rms / np.sqrt(2)),
         FILLED.check(_filled_percent(seen)),
-        [] if out_of_sample_px is None else HELD_OUT.check(out_of_sample_px / rms),
+        _few_views(seen),
+        () if out_of_sample_px is None else _held_out(out_of_sample_px, rms),
         noise_causes(estimate, sigma_assumed_px),
         _outlying_views(seen, view_rms_px),
         _mirrored(state) if faces_camera and seen.planar() else (),
@@ -120,6 +123,19 @@ def _sigma_causes(
     if "cx_px" in sigma:
         causes += CENTRE.check(max(sigma["cx_px"], sigma.get("cy_px", 0.0)))
     return causes
+
+
+def _few_views(seen: Observations) -> tuple[Cause, ...]:
+    if seen.views >= _LEAST_VIEWS:
+        return ()
+    message = (
+        f"{seen.views} view(s): too few to test the result on views that took no part"
+    )
+    return (Cause("few-views", "marginal", message, _MORE_VIEWS),)
+
+
+def _held_out(out_of_sample_px: float, rms_px: float) -> tuple[Cause, ...]:
+    return HELD_OUT.check(out_of_sample_px / max(rms_px, _PERFECT_PX))
 
 
 def _filled_percent(seen: Observations) -> float:

@@ -94,7 +94,8 @@ def opencv_answer(seen):
 )
 def test_real_boards_give_what_opencv_gives(side, window, rms_px, fx_px, centre_px):
     seen = opencv_board(side, window)
-    found = calibrate_camera(seen)
+    folds = 3 if (side, window) == ("left", 5) else 0
+    found = calibrate_camera(seen, CameraOptions(folds=folds))
     assert found.rms_px == pytest.approx(rms_px, abs=2e-4)
     assert found.camera.fx_px == pytest.approx(fx_px, abs=0.02)
     assert (found.camera.cx_px, found.camera.cy_px) == pytest.approx(
@@ -104,12 +105,13 @@ def test_real_boards_give_what_opencv_gives(side, window, rms_px, fx_px, centre_
     assert found.rms_px == pytest.approx(rms, rel=1e-6)
     np.testing.assert_allclose(found.camera.matrix, matrix, rtol=1e-5, atol=1e-4)
     np.testing.assert_allclose(found.camera.distortion, distortion, atol=1e-4)
-    assert found.out_of_sample_px is not None
-    assert rms_px < found.out_of_sample_px < 1.3 * rms_px
+    if folds:
+        assert found.out_of_sample_px is not None
+        assert rms_px < found.out_of_sample_px < 1.3 * rms_px
 
 
 def test_a_picture_whose_corners_were_refined_too_widely_is_named():
-    found = calibrate_camera(opencv_board("left", 11))
+    found = calibrate_camera(opencv_board("left", 11), CameraOptions(folds=0))
     assert found.verdict.grade == "marginal"
     assert found.verdict.codes() == {"view-does-not-fit"}
     assert "left02" in found.verdict.next_action
@@ -177,8 +179,8 @@ ONE_RADIAL = CameraOptions(
 )
 
 
-def test_ten_views_reach_the_bound_and_say_so():
-    errors, sigmas = errors_in_sigmas(6, 10, CAMERA, KNOWN_NOISE)
+def test_a_few_views_reach_the_bound_and_say_so():
+    errors, sigmas = errors_in_sigmas(6, 5, CAMERA, KNOWN_NOISE)
     check_spread(errors, sigmas)
 
 
@@ -296,6 +298,33 @@ def test_outlying_corners_move_a_robust_fit_little():
     assert abs(robust.camera.fx_px - CAMERA.fx_px) < abs(
         plain.camera.fx_px - CAMERA.fx_px
     )
+
+
+def test_outlying_corners_are_weighed_down_without_a_stated_noise_too():
+    rng = np.random.default_rng(9)
+    seen = seen_by(CAMERA, tilted_views(rng, 5), board(), rng)
+    pixels = seen.pixels.copy()
+    pixels[::40] += rng.normal(0, 5, pixels[::40].shape)
+    spoilt = replace(seen, pixels=pixels)
+    found = calibrate_camera(spoilt, CameraOptions(free=FREE, huber=2.0, folds=0))
+    assert found.sigma_px == pytest.approx(SIGMA_PX, rel=0.25)
+    assert abs(found.camera.fx_px - CAMERA.fx_px) < 2.0
+
+
+def test_perfect_pictures_of_unknown_noise_are_no_contradiction():
+    rng = np.random.default_rng(12)
+    seen = seen_by(CAMERA, tilted_views(rng, 4), board(), rng, sigma_px=0.0)
+    found = calibrate_camera(seen, CameraOptions(free=FREE))
+    assert found.verdict.grade == "go"
+    assert found.camera.fx_px == pytest.approx(CAMERA.fx_px, rel=1e-9)
+
+
+def test_two_views_are_too_few_for_a_go():
+    rng = np.random.default_rng(13)
+    seen = seen_by(CAMERA, tilted_views(rng, 2), board(), rng)
+    found = calibrate_camera(seen, CameraOptions(free=FREE, sigma_px=SIGMA_PX))
+    assert "few-views" in found.verdict.codes()
+    assert found.verdict.grade == "marginal"
 
 
 def test_points_on_a_line_name_their_picture():
