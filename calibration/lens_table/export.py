@@ -9,11 +9,14 @@ import numpy as np
 
 from calibration.lens_table.judge import judge_lens
 from calibration.lens_table.tables import achievable_set
+from calibration.results import named_covariance, quality_of
+from calibration.verdict import Verdict
 from mvp.calibrated import (
     AxisTable,
     LensNodeResult,
     LensTableCalibration,
     LensValidity,
+    NamedCovariance,
     Provenance,
     Quality,
 )
@@ -22,6 +25,8 @@ from mvp.errors import CalibrationError
 if TYPE_CHECKING:
     from calibration.lens_table.tables import LensTables
     from mvp.optics import AxisName
+
+_OPTICS = ("f_mm", "x_mm", "e_mm")
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,7 @@ def calibration_file(
         d_standard_deviation_mm=float(fit.d_sigma_mm.max()),
         f_standard_deviation_mm=sigma["zoom"],
         a_standard_deviation_mm=sigma["iris"],
+        covariance=_covariance(tables),
         pupil_offset_standard_deviation_mm=fit.e_sigma_mm,
         nodes=_nodes(tables),
         achievable=achievable_set(tables.table),
@@ -85,8 +91,24 @@ def _provenance(tables: LensTables, identity: LensIdentity) -> Provenance:
 
 
 def _quality(tables: LensTables) -> Quality:
+    """Remarks that do not lower the grade are reasons, but no causes."""
     verdict = judge_lens(tables)
-    return Quality(verdict=verdict.grade, reasons=verdict.reasons)
+    against = Verdict(tuple(c for c in verdict.causes if c.grade != "go"))
+    left_out = [tables.curves[name].left_out_mm for name in ("zoom", "focus")]
+    errors = np.concatenate(left_out)
+    found = quality_of(
+        against,
+        tables.fit.estimate,
+        out_of_sample_mm=float(np.sqrt(np.mean(errors**2))) if len(errors) else None,
+    )
+    return found.model_copy(update={"reasons": verdict.reasons})
+
+
+def _covariance(tables: LensTables) -> NamedCovariance:
+    """Of f, x and e; x as numbered in the fit."""
+    estimate = tables.fit.estimate
+    names = [name for name in estimate.names if name.startswith(_OPTICS)]
+    return named_covariance(names, estimate.block(names))
 
 
 def _axis(tables: LensTables, name: AxisName) -> AxisTable:
@@ -126,8 +148,10 @@ def _validity(tables: LensTables) -> LensValidity:
         for name, curve in tables.curves.items()
     }
     conditions = tables.measured.conditions
+    low, high = conditions.interval_c or (None, None)
     return LensValidity(
-        temperature_range_c=conditions.interval_c,
+        temperature_min_c=low,
+        temperature_max_c=high,
         temperature_source=conditions.source,
         zoom_steps=ends["zoom"],
         focus_steps=ends["focus"],

@@ -187,10 +187,9 @@ class AchievableSet(FileModel):
     a_per_step_mm: float = Field(gt=0)
 
 
-class LensValidity(FileModel):
-    """Where a lens table holds. No temperature range: it was not known."""
+class LensValidity(Validity):
+    """Where a lens table holds. No temperatures: it was not known."""
 
-    temperature_range_c: tuple[float, float] | None = None
     temperature_source: Literal["device", "operator", "unknown"] = "unknown"
     zoom_steps: tuple[int, int]
     focus_steps: tuple[int, int]

@@ -141,9 +141,23 @@ def test_the_file_is_what_the_planner_reads(tables):
     )
     assert model.focus_extension_mm.backlash_steps in range(39, 43)
     assert len(model.nodes) == len(ZOOMS) * len(FOCUSES)
-    assert model.validity.temperature_range_c == (16.5, 26.5)
+    assert model.validity.temperature_min_c == 16.5
+    assert model.validity.temperature_max_c == 26.5
     assert model.quality.verdict == "go"
+    assert model.quality.chi_square_probability > 1e-3
+    assert model.quality.out_of_sample_mm < 0.01
+    assert model.covariance.parameters[0] == "f_mm at zoom 0"
     assert len(model.provenance.input_sha256) == 64
+
+
+def test_an_unknown_temperature_is_said_and_is_no_cause(good):
+    unknown = build_tables(replace(good, conditions=Conditions()))
+    model = calibration_file(unknown, IDENTITY)
+    assert model.quality.verdict == "go"
+    assert "temperature is unknown" in model.quality.reasons[0]
+    assert not model.quality.causes
+    assert model.validity.temperature_source == "unknown"
+    assert model.validity.temperature_min_c is None
 
 
 def test_the_achievable_set_is_that_of_traced_lenses(tables):
