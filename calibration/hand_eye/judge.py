@@ -1,0 +1,151 @@
+"""What speaks against a hand-eye calibration, before and after the fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2
+
+from calibration.verdict import Cause, Limit
+
+if TYPE_CHECKING:
+    from calibration.hand_eye.data import HandEyeData, RobotNoise
+    from calibration.hand_eye.result import HandEyeSolution
+
+LEAST_VIEWS = 5
+_IMPROBABLE = 1e-3
+_OUTLIER_SIGMAS = 5.0
+
+_VIEWS = Limit(
+    "few-views",
+    "the number of views",
+    "",
+    marginal=12,
+    no_go=8,
+    action="take 20 views or more",
+    at_least=True,
+)
+_INTRINSICS = Limit(
+    "intrinsics-do-not-fit",
+    "intrinsics do not fit: residual of single pictures by their stated noise",
+    "",
+    marginal=1.5,
+    no_go=3.0,
+    action="calibrate the camera again at this lens setting, or refine its intrinsics "
+    "here with a prior",
+)
+
+
+@dataclass(frozen=True)
+class HandEyeLimits:
+    """What a result must keep.
+
+    Attributes:
+        stand_off_mm: distance at which the camera will work.
+        marginal_mm: error there (or at the target of a view left out) that is marginal.
+        no_go_mm: error that is not to be used.
+    """
+
+    stand_off_mm: float = 400.0
+    marginal_mm: float = 1.0
+    no_go_mm: float = 3.0
+
+
+def of_data(data: HandEyeData) -> tuple[Cause, ...]:
+    """Number of views, and an arm that was still moving."""
+    causes = _VIEWS.check(len(data.base_from_tool))
+    moving = [
+        name
+        for name, settled in zip(data.seen.names, data.settled, strict=False)
+        if not settled
+    ]
+    if moving:
+        causes += (
+            Cause(
+                "robot-moving",
+                "no-go",
+                f"the robot was moving in {', '.join(moving)}",
+                "take these views again and wait until the arm stands still",
+            ),
+        )
+    return causes
+
+
+def of_pictures(variance_factor: float) -> tuple[Cause, ...]:
+    """Do the intrinsics explain single pictures, with the pose of each free?"""
+    return _INTRINSICS.check(float(np.sqrt(variance_factor)))
+
+
+def of_solution(
+    solution: HandEyeSolution,
+    data: HandEyeData,
+    robot: RobotNoise,
+    limits: HandEyeLimits,
+) -> tuple[Cause, ...]:
+    """Robot against its datasheet, single views, errors in mm."""
+    forecast = Limit(
+        "error-large",
+        f"the expected error at {limits.stand_off_mm:.0f} mm",
+        "mm",
+        limits.marginal_mm,
+        limits.no_go_mm,
+        "take more views with larger rotations",
+    )
+    held = Limit(
+        "left-out-error-large",
+        "the error at the target in views left out of the fit",
+        "mm",
+        limits.marginal_mm,
+        limits.no_go_mm,
+        "look at the views with the largest slack; check that target and camera are "
+        "fixed firmly",
+    )
+    left_out = float(np.sqrt((solution.left_out_mm**2).mean()))
+    return (
+        *_robot(solution, robot),
+        *_outliers(solution, data),
+        *held.check(left_out),
+        *forecast.check(solution.error_mm(limits.stand_off_mm)),
+    )
+
+
+def _robot(solution: HandEyeSolution, robot: RobotNoise) -> tuple[Cause, ...]:
+    """A robot that contradicts itself by more than was stated."""
+    stated = np.array([robot.position_mm, robot.angle_rad])
+    freedom = np.maximum(solution.robot_freedom, 1.0)
+    limit = np.sqrt(chi2.isf(_IMPROBABLE, freedom) / freedom)
+    ratio = solution.robot_sigmas / stated
+    if (ratio <= limit).all():
+        return ()
+    position, angle = solution.robot_sigmas[0], np.degrees(solution.robot_sigmas[1])
+    return (
+        Cause(
+            "robot-contradicts-itself",
+            "no-go",
+            f"the robot's poses disagree by {position:.3g} mm and {angle:.3g} deg (one "
+            f"sigma on each axis); {stated[0]:.3g} mm and {np.degrees(stated[1]):.3g} "
+            "deg were stated",
+            "check the robot's calibration, its payload and tool settings, and that "
+            "camera and target are fixed firmly",
+        ),
+    )
+
+
+def _outliers(solution: HandEyeSolution, data: HandEyeData) -> tuple[Cause, ...]:
+    """Views that stand apart from the others, measured by their typical slack."""
+    size = np.linalg.norm(solution.slack.reshape(-1, 2, 3), axis=2)
+    typical = np.maximum(np.median(size, axis=0), np.finfo(float).tiny)
+    far = (size > _OUTLIER_SIGMAS * typical).any(axis=1)
+    names = [name for name, apart in zip(data.seen.names, far, strict=True) if apart]
+    if not names:
+        return ()
+    return (
+        Cause(
+            "views-apart",
+            "marginal",
+            f"the robot pose does not fit the picture in {', '.join(names)}",
+            "leave these views out or take them again",
+        ),
+    )

@@ -1,0 +1,39 @@
+"""Pose of a part from its own corners, holes and edges."""
+
+from calibration.part_pose.judge import judge_located, judge_resection
+from calibration.part_pose.locate import (
+    HandEye,
+    LocatedPart,
+    PartView,
+    ViewpointError,
+    locate,
+    viewpoint_covariance,
+    viewpoint_error,
+)
+from calibration.part_pose.resection import AMBIGUOUS_BELOW, Branch, Resection, resect
+from calibration.part_pose.sightings import (
+    PartSight,
+    SeenCircles,
+    SeenEdges,
+    SeenPoints,
+)
+
+__all__ = [
+    "AMBIGUOUS_BELOW",
+    "Branch",
+    "HandEye",
+    "LocatedPart",
+    "PartSight",
+    "PartView",
+    "Resection",
+    "SeenCircles",
+    "SeenEdges",
+    "SeenPoints",
+    "ViewpointError",
+    "judge_located",
+    "judge_resection",
+    "locate",
+    "resect",
+    "viewpoint_covariance",
+    "viewpoint_error",
+]
