@@ -24,6 +24,7 @@ from calibration.lens_table import (
     separate,
 )
 from calibration.observations import Observations
+from calibration.tsai import TsaiCamera, TsaiOptions, tsai_calibrate
 from mvp.testing.paraxial_lens import ParaxialLens
 
 if TYPE_CHECKING:
@@ -106,32 +107,42 @@ def board(lens: ParaxialLens, z_mm: float, fill: float = 0.8) -> np.ndarray:
 
 
 def imaged(
-    lens: ParaxialLens, points: np.ndarray, rng: np.random.Generator
+    lens: ParaxialLens,
+    points: np.ndarray,
+    rng: np.random.Generator,
+    k1_per_mm2: float = K1_PER_MM2,
 ) -> np.ndarray:
     """Pixels of points (m, 3) in camera axes: chief rays, k1, noise."""
     sensor = points[:, :2] * lens.scale(points[:, 2])[:, None]
     r2 = (sensor**2).sum(axis=1, keepdims=True)
-    pixels = sensor * (1 + K1_PER_MM2 * r2) / PITCH_MM + CENTRE
+    pixels = sensor * (1 + k1_per_mm2 * r2) / PITCH_MM + CENTRE
     return pixels + rng.normal(0, NOISE_PX, pixels.shape)
 
 
-def tilted(lens: ParaxialLens, u_mm: float, views: int, rng: np.random.Generator):
+def tilted(
+    lens: ParaxialLens,
+    u_mm: float,
+    views: int,
+    rng: np.random.Generator,
+    k1_per_mm2: float = K1_PER_MM2,
+) -> Observations:
     """Pictures of the board tilted by 30 deg about axes all around."""
     points, z = board(lens, u_mm - E_MM), np.array([0, 0, u_mm - E_MM])
     pixels = []
     for angle in rng.uniform(0, 1) + 2 * np.pi * np.arange(views) / views:
         about = np.radians(30) * np.array([np.cos(angle), np.sin(angle), 0])
-        pixels.append(imaged(lens, Rotation.from_rotvec(about).apply(points) + z, rng))
+        turned = Rotation.from_rotvec(about).apply(points)
+        pixels.append(imaged(lens, turned + z, rng, k1_per_mm2))
     return Observations.from_views([points] * views, pixels, size_px=SIZE_PX)
 
 
-def opencv_camera(seen: Observations) -> np.ndarray:
+def opencv_camera(seen: Observations, more_flags: int = 0) -> np.ndarray:
     """fx, cx, cy by ``cv2.calibrateCamera`` with k1 and one focal length."""
     views = [seen.of_view(i) for i in range(seen.views)]
     points = [p.astype(np.float32) for p, _ in views]
     pixels = [q.astype(np.float32) for _, q in views]
-    start = np.array([[2300.0, 0, 800], [0, 2300.0, 600], [0, 0, 1]])
-    flags = FIX_ALL_BUT_K1 | cv2.CALIB_USE_INTRINSIC_GUESS
+    start = np.array([[2300.0, 0, CENTRE[0]], [0, 2300.0, CENTRE[1]], [0, 0, 1]])
+    flags = FIX_ALL_BUT_K1 | cv2.CALIB_USE_INTRINSIC_GUESS | more_flags
     found = cv2.calibrateCamera(
         points, pixels, SIZE_PX, start, np.zeros(5), flags=flags
     )
@@ -173,6 +184,44 @@ def bench_camera(trials: int, rng: np.random.Generator) -> Iterator[Row]:
             "OpenCV calibrateCamera",
             bar,
             float(np.mean(np.abs(ours[:, columns]) < sigma[:, columns])),
+            clock.mean_s("ours"),
+            clock.mean_s("cv2"),
+        )
+
+
+def bench_tsai(trials: int, rng: np.random.Generator) -> Iterator[Row]:
+    """One view at 30 deg, centre known: two stages, refined, and OpenCV.
+
+    Without distortion, which Tsai and OpenCV model in opposite directions; both seek k1.
+    """
+    lens, clock = lens_at(500.0), Clock()
+    truth = f_cal_of(lens)
+    known = TsaiCamera(PITCH_MM, PITCH_MM, 12.0, *CENTRE)
+    staged, ours, sigma, rival = [], [], [], []
+    for _ in range(trials):
+        seen = tilted(lens, 500.0, 1, rng, 0.0)
+        options = TsaiOptions(sigma_px=NOISE_PX)
+        found = clock.run(
+            "ours", lambda seen=seen, how=options: tsai_calibrate(known, seen, how)
+        )
+        staged.append(found.stages[0].camera.f_mm - truth)
+        ours.append(found.camera.f_mm - truth)
+        sigma.append(found.estimate.sigma_of("f_mm"))
+        fixed = cv2.CALIB_FIX_PRINCIPAL_POINT
+        theirs = clock.run("cv2", lambda s=seen, f=fixed: opencv_camera(s, f))
+        rival.append(theirs[0] * PITCH_MM - truth)
+    for name, errors, honest in (
+        ("two stages", staged, None),
+        ("refined", ours, float(np.mean(np.abs(ours) < np.array(sigma)))),
+    ):
+        yield Row(
+            f"Tsai, 1 view at 30 deg: f, {name}",
+            "um",
+            rms(errors) * 1e3,
+            rms(rival) * 1e3,
+            "OpenCV calibrateCamera, centre fixed",
+            0.8 * truth,
+            honest,
             clock.mean_s("ours"),
             clock.mean_s("cv2"),
         )
@@ -284,6 +333,7 @@ def bench_travel(trials: int, rng: np.random.Generator) -> Iterator[Row]:
 
 BENCHES: dict[str, Callable[[int, np.random.Generator], Iterator[Row]]] = {
     "camera": bench_camera,
+    "tsai": bench_tsai,
     "focus": bench_focus,
     "travel": bench_travel,
 }
