@@ -124,7 +124,7 @@ class GantryArm:
         """Identity and versions."""
         self._link.require_open()
         identity = self._identity
-        declared = [a.letter for a in self._config.axes if a.declared]
+        [a.letter for a in self._config.axes if a.declared]
         return DeviceInfo(
             self.name,
             "gantry",
@@ -134,7 +134,7 @@ class GantryArm:
             simulated=False,
             extra={
                 "address": self._wire.address,
-                "declared_axes": ", ".join(declared) or "none",
+                "declared_axes": ", ".join(self._declared) or "none",
             },
         )
 
@@ -210,8 +210,8 @@ class GantryArm:
                 self._wire.move(
                     self._axes.words(target), feed_min=feed, timeout_s=timeout_s
                 )
-            self._settle()
-            return self._arrived(target)
+                self._settle()
+                return self._arrived(target)
 
     def stop(self) -> None:
         """Stop now, from any thread; a homing that is stopped loses the position."""
@@ -221,6 +221,15 @@ class GantryArm:
             self._stopping.set()
             if self._link.interrupt():
                 self._wire.halt()
+                return
+        self._stop_what_nobody_began()
+
+    def _stop_what_nobody_began(self) -> None:
+        """It may move without a motion of ours: of another program, or left behind."""
+        with suppress(DeviceError):
+            if self._wire.report().activity is Activity.MOVES:
+                _LOG.warning("%s: moves, and no motion of ours is under way", self.name)
+                self._halted()
 
     def recovery(self) -> Iterator[RecoveryStep]:
         """Out of an alarm: reset, then home; each step is for a person to allow.
@@ -241,6 +250,11 @@ class GantryArm:
 
     # ------------------------------------------------------------ inside
 
+    @property
+    def _declared(self) -> list[str]:
+        """Letters of the axes that nothing measures."""
+        return [a.letter for a in self._config.axes if a.home == "declared"]
+
     def _home_for_person(self) -> str:
         self.home(timeout_s=self._config.homing_s)
         return "homed"
@@ -253,7 +267,8 @@ class GantryArm:
             self._wire.close()
             raise
         with self._lock:
-            self._homed = report.homed is True
+            # A hand may have turned an axis that no switch has found.
+            self._homed = report.homed is True and not self._declared
         _LOG.warning("%s: this driver was not tried on hardware yet", self.name)
 
     def _recognised(self, identity: Identity) -> Identity:
@@ -320,28 +335,44 @@ class GantryArm:
 
     @contextmanager
     def _stopped_cleanly(self) -> Iterator[None]:
-        """Whatever ends a motion early: bring it to rest, and know what is lost."""
+        """Whatever ends a motion early: stop it, unless somebody has, and bring it to rest.
+
+        The caller's exception may come from anywhere; the machine knows nothing of it.
+        """
         try:
             yield
-        except DeviceTimeout as error:
+        except BaseException as error:
+            late = isinstance(error, DeviceTimeout)
             if self._stopping.is_set():
-                raise MotionStopped("stopped", device=self.name) from error
-            with suppress(DeviceError):
-                self._wire.halt()
-            self._come_to_rest()
-            raise DeviceTimeout(
-                "did not arrive in time; it has been stopped",
-                device=self.name,
-                hint="is its speed configured too high, or does something block it?",
-            ) from error
-        except BaseException:
-            if not self._stopping.is_set():
-                self._come_to_rest()
+                if late:
+                    raise MotionStopped("stopped", device=self.name) from error
+                raise
+            rests = self._halted()
+            if late:
+                raise self._late(rests=rests) from error
             raise
 
-    def _come_to_rest(self) -> None:
-        if self._wire.is_lost or not self._wire.settle_halt():
+    def _halted(self) -> bool:
+        """Stop it from here; whether it was seen to stand."""
+        with suppress(DeviceError):
+            self._wire.halt()
+        return self._come_to_rest()
+
+    def _late(self, *, rests: bool) -> DeviceTimeout:
+        did = "it has been stopped" if rests else "it was not seen to stop"
+        return DeviceTimeout(
+            f"did not arrive in time; {did}",
+            device=self.name,
+            hint="is its speed configured too high, or does something block it?"
+            if rests
+            else "use the emergency stop if it still moves",
+        )
+
+    def _come_to_rest(self) -> bool:
+        known = not self._wire.is_lost and self._wire.settle_halt()
+        if not known:
             self._lose_home("it was stopped in a way that may lose steps")
+        return known
 
     def _settle(self) -> None:
         """Ringing is not visible to the firmware."""

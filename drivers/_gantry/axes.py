@@ -33,6 +33,7 @@ class GantryAxes:
         self.letters = "".join(axis.letter for axis in config.axes)
         self._axes = config.axes
         self._name = name
+        self._slides_first = config.firmware == "marlin"
         self._turns = np.array([unit == "rad" for unit in self.model.joint_units])
         self._zero = np.array([axis.zero for axis in config.axes])
         self._sign = np.array([float(axis.sign) for axis in config.axes])
@@ -107,10 +108,16 @@ class GantryAxes:
         return float(np.where(way > speed**2 / self._ramp, long, short).max())
 
     def feed_min(self, start: FloatArray, target: FloatArray, share: float) -> float:
-        """Feed per minute along the mixed mm and deg path that no axis objects to."""
+        """Feed per minute at which no axis is faster than its share of its speed.
+
+        The GRBL family counts along the mixed mm and deg path; Marlin counts along the
+        sliding axes alone, as soon as one of them moves.
+        """
         way = np.abs(self.machine(target) - self.machine(start))
         seconds = float((way / (self._speed * share)).max())
-        length = float(np.linalg.norm(way))
+        sliding = way[~self._turns]
+        alone = self._slides_first and bool((sliding > 0).any())
+        length = float(np.linalg.norm(sliding if alone else way))
         return max(60 * length / seconds, 1.0) if seconds > 0 else 60.0
 
     def _vector(self, machine: Mapping[str, float]) -> FloatArray:

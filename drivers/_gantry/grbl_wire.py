@@ -200,7 +200,9 @@ class GrblWire:
 
     def settle_halt(self) -> bool:
         """Wait until it stands, then reset, which keeps the position."""
-        if not self._stands():
+        stands = self._stands()
+        self._doing = ""
+        if not stands:
             return False
         last = self._came.last
         if last is not None and last.activity is Activity.HELD:
@@ -247,8 +249,7 @@ class GrblWire:
             if self._ended is None or error is self._ended:
                 raise
             raise self._ended from error
-        finally:
-            self._doing = ""
+        self._doing = ""  # after an error ``settle_halt`` still has to know
 
     def _stopped(self) -> MotionStopped:
         return MotionStopped("stopped while it moved", device=self._name)

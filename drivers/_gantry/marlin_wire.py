@@ -197,6 +197,7 @@ class MarlinWire:
 
     def settle_halt(self) -> bool:
         """Wait for quiet; the position is doubtful after a quick stop."""
+        self._doing = ""
         self._session.fall_out_of_step()
         try:
             self._order("M400", _QUICK_STOP_S)
@@ -230,13 +231,11 @@ class MarlinWire:
         if self._stopping.is_set():
             raise self._stopped()
         self._doing = doing
-        try:
-            self._order(line, timeout_s)
-            if self._stopping.is_set():
-                self.halt()
-                raise self._stopped()
-        finally:
-            self._doing = ""
+        self._order(line, timeout_s)
+        if self._stopping.is_set():
+            self.halt()
+            raise self._stopped()
+        self._doing = ""  # after an error ``settle_halt`` still has to know
 
     def _stopped(self) -> MotionStopped:
         return MotionStopped("stopped while it moved", device=self._name)

@@ -74,7 +74,7 @@ class MarlinMotion:
         if values.get("F", 0) > 0:
             self._rate_min = values["F"] * scale
         target = self._target(values, scale)
-        block = Block(target, self._rate_min / 60)
+        block = Block(target, self._rate_along(target) / 60)
 
         def room() -> bool:
             if self.axes.waiting >= QUEUE:
@@ -84,6 +84,15 @@ class MarlinMotion:
             return True
 
         return room
+
+    def _rate_along(self, target: np.ndarray) -> float:
+        """F counts along the sliding axes alone as soon as one of them moves."""
+        way = np.nan_to_num(target - self.axes.planned)
+        slides = np.array([letter in "XYZ" for letter in self.letters])
+        sliding = float(np.linalg.norm(way[slides]))
+        if sliding == 0.0:
+            return self._rate_min
+        return self._rate_min * float(np.linalg.norm(way)) / sliding
 
     def _target(self, values: Mapping[str, float], scale: float) -> np.ndarray:
         planned = self.axes.planned

@@ -101,9 +101,15 @@ def dry_run(setting: Setting, plan: Plan) -> RunDocument:
 
     Raises:
         DeviceError, CalibrationError, InfeasibleError: what would end the run.
+        RecordError: a run is on this cell.
     """
     started = utc_now()
-    with devices_for(setting) as devices, opened(devices) as infos:
+    with ExitStack() as stack:
+        if not setting.cell.config.simulated:
+            lock = lock_of(setting, setting.cell.folder)
+            stack.enter_context(cell_lock(lock, run_id="dry run"))
+        devices = stack.enter_context(devices_for(setting))
+        infos = stack.enter_context(opened(devices))
         check_before(setting, devices, infos, plan.views, Routes(setting.arm))
     views = [
         ViewDocument(id=v.id, features=v.features, status="checked") for v in plan.views

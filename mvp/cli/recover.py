@@ -19,9 +19,9 @@ def recover(
     accept_calibration: AcceptOption = "",
     as_json: JsonOption = False,
 ) -> int:
-    """Lead devices back from a fault; asks before every step, moves nothing.
+    """Lead devices back from a fault; asks before every step.
 
-    There is no --yes: whether an arm is free and nobody is near it, only a person sees.
+    Nothing moves unless a step says so. There is no --yes: whether an arm is free and nobody is near it, only a person sees.
     """
     from mvp.cell.loading import load_cell, load_task
     from mvp.cell.recover_job import Guide, recover_cell

@@ -94,7 +94,7 @@ class LensBench:
         self._stack = stack
         self._driver = driver
         self.simulator = simulator.from_config(config, context, name="lens")
-        self.keys = {**self.simulator.start(), "identify_s": 3, **keys}
+        self.keys = {**self.simulator.start(), "identify_s": 10, **keys}
         stack.callback(self.simulator.stop)
         port = self.simulator.control_port
         self.faults = stack.enter_context(ControlClient(port))
@@ -211,7 +211,7 @@ class GantryBench:
             "axes": [*slides, *HEAD],
             "settle_s": 0,
             "answer_s": 3,  # the simulator shares the processors
-            "identify_s": 3,
+            "identify_s": 10,
             **keys,
         }
         return GantryArm.Config.model_validate(told)
