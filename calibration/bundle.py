@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Self
 
+    from calibration.estimate import Jacobian
     from calibration.observations import Observations
     from calibration.projection import PinholeCamera, Projection
     from mvp.geometry import FloatArray, IntArray
@@ -177,8 +178,8 @@ class BundleProblem(Generic[Camera]):
         prior = [(values[name] - mean) / sd for name, mean, sd in self.priors]
         return np.concatenate([errors.ravel(), prior])
 
-    def jacobian(self, state: BundleState[Camera]) -> sparse.csr_matrix:
-        """(2 m + priors, n + 6 views)."""
+    def jacobian(self, state: BundleState[Camera]) -> Jacobian:
+        """(2 m + priors, n + 6 views); sparse where there are several views."""
         rows, n = self.seen.view, len(self.free.names)
         found = state.camera.project_with_derivatives(
             state.rotation[rows],
@@ -187,15 +188,17 @@ class BundleProblem(Generic[Camera]):
         )
         values = np.concatenate([found.d_camera @ self.free.basis, found.d_pose], -1)
         values = values / self._sigma()[:, None, None]
+        if self.seen.views == 1:
+            priors = self._prior_rows(state.camera.names, n + 6)
+            return np.concatenate([values.reshape(-1, n + 6), priors])
         own = n + 6 * rows[:, None] + np.arange(6)
         columns = np.concatenate([np.tile(np.arange(n), (len(rows), 1)), own], axis=1)
         columns = np.repeat(columns[:, None], 2, axis=1)
         bounds = np.arange(0, values.size + 1, n + 6)
         shape = (2 * len(rows), n + 6 * self.seen.views)
         matrix = sparse.csr_matrix((values.ravel(), columns.ravel(), bounds), shape)
-        return sparse.vstack(
-            [matrix, self._prior_rows(state.camera.names, shape[1])], format="csr"
-        )
+        priors = sparse.csr_matrix(self._prior_rows(state.camera.names, shape[1]))
+        return sparse.vstack([matrix, priors], format="csr")
 
     def moved(
         self, state: BundleState[Camera], step: FloatArray
@@ -215,8 +218,8 @@ class BundleProblem(Generic[Camera]):
             np.asarray(self.sigma_px, np.float64), (len(self.seen.view),)
         )
 
-    def _prior_rows(self, names: tuple[str, ...], columns: int) -> sparse.csr_matrix:
+    def _prior_rows(self, names: tuple[str, ...], columns: int) -> FloatArray:
         rows = np.zeros((len(self.priors), columns))
         for row, (name, _, sd) in zip(rows, self.priors, strict=True):
             row[: len(self.free.names)] = self.free.basis[names.index(name)] / sd
-        return sparse.csr_matrix(rows)
+        return rows

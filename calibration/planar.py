@@ -14,6 +14,7 @@ from calibration.projection import PinholeCamera, to_normalised
 if TYPE_CHECKING:
     from mvp.geometry import FloatArray
 
+_HOPELESS = 100.0
 _POSE_ONLY = FitOptions(most_steps=30, tolerance=1e-6)
 
 
@@ -76,7 +77,8 @@ def planar_pose(
 ) -> tuple[FloatArray, FloatArray]:
     """Pose ``camera_from_target`` of a flat target (z = 0) with a known camera.
 
-    Both poses that a nearly flat image allows are refined; the better one is taken.
+    Both poses that a nearly flat image allows are refined, unless the second one is far
+    worse to begin with than the first one after refinement; the better one is taken.
 
     Returns:
         Rotation (3, 3) and translation (3,), mm.
@@ -95,7 +97,10 @@ def planar_pose(
     best: tuple[float, BundleState[PinholeCamera]] | None = None
     for rotation, translation in (start, _other_pose(*start, points_target_mm)):
         state = BundleState(camera, rotation[None], translation[None])
-        if not np.isfinite(problem.residuals(state)).all():
+        residuals = problem.residuals(state)
+        if not np.isfinite(residuals).all():
+            continue
+        if best is not None and residuals @ residuals > _HOPELESS * best[0]:
             continue
         found = fit(problem, state, _POSE_ONLY)
         if best is None or found.estimate.chi_square < best[0]:

@@ -14,6 +14,7 @@ from calibration.bundle import BundleProblem, BundleState, freedom
 from calibration.camera import CameraOptions, calibrate_camera
 from calibration.camera_uncertainty import projection_uncertainty
 from calibration.observations import Observations
+from calibration.planar import planar_pose
 from calibration.projection import (
     CAMERA_NAMES,
     PinholeCamera,
@@ -380,3 +381,14 @@ def test_a_motion_leaves_no_refitted_uncertainty():
     assert stated.direct_px == pytest.approx(2.0)
     assert stated.refitted_px.max() < 0.5
     assert len(CAMERA_NAMES) == 9
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 3.0, 8.0, 20.0, 45.0])
+def test_of_the_two_poses_of_a_flat_target_the_right_one_is_found(tilt_deg):
+    rng = np.random.default_rng(int(tilt_deg))
+    rotation, shift = tilted_views(rng, 4, tilt_deg=(tilt_deg, tilt_deg))
+    for turn, place in zip(rotation, shift, strict=True):
+        pixels = project(CAMERA, turn, place, board())
+        found, moved = planar_pose(CAMERA, board(), pixels)
+        np.testing.assert_allclose(found, turn, atol=1e-5)
+        np.testing.assert_allclose(moved, place, atol=1e-2)
