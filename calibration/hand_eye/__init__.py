@@ -12,6 +12,7 @@ from calibration.hand_eye.readings import (
     layouts_that_fit,
     poses_from_numbers,
 )
+from calibration.hand_eye.record import hand_eye_calibration
 from calibration.hand_eye.refine import CameraPrior
 from calibration.hand_eye.rehearsal import Rehearsal, Rehearsed, rehearse
 from calibration.hand_eye.result import HandEyeResult, HandEyeSolution
@@ -35,6 +36,7 @@ __all__ = [
     "check_readings",
     "closed_form",
     "fixed_from_moving",
+    "hand_eye_calibration",
     "layouts_that_fit",
     "observability",
     "poses_from_numbers",
