@@ -1,8 +1,10 @@
 """Hand-eye transforms in closed form: Tsai-Lenz 1989, Park-Martin 1994, Daniilidis 1999.
 
-All take every pair of views, so that the result does not depend on their order. They
-give a first guess and an independent opinion; they know no covariance, and answer even
-when the motions do not determine an answer: see ``observability``.
+All take every pair of views. The rotations (and all of Daniilidis) do not depend on the
+order of the views; the translations of the other two do by a tenth of their error, since
+a pair counts one way only, as usual for these methods. They give a first guess and an
+independent opinion; they know no covariance, and answer even when the motions do not
+determine an answer: see ``observability``.
 """
 
 from __future__ import annotations
@@ -99,23 +101,10 @@ def _park_rotation(motions: Motions) -> FloatArray:
 
 
 def _translation(motions: Motions, rotation: FloatArray) -> FloatArray:
-    """(R_A - 1) t_X = R_X t_B - t_A over all motions, each of them there and back.
-
-    Only both ways together make the result independent of the order of the views.
-    """
-    moving = _both_ways(motions.moving)
-    left = (moving.rotation - np.eye(3)).reshape(-1, 3)
-    seen = _both_ways(motions.camera).translation_mm @ rotation.T
-    right = (seen - moving.translation_mm).ravel()
-    return np.asarray(np.linalg.lstsq(left, right, rcond=None)[0])
-
-
-def _both_ways(motion: Poses) -> Poses:
-    back = motion.inverse()
-    return Poses(
-        np.concatenate([motion.rotation, back.rotation]),
-        np.concatenate([motion.translation_mm, back.translation_mm]),
-    )
+    """(R_A - 1) t_X = R_X t_B - t_A over all motions, each of them one way."""
+    left = (motions.moving.rotation - np.eye(3)).reshape(-1, 3)
+    right = motions.camera.translation_mm @ rotation.T - motions.moving.translation_mm
+    return np.asarray(np.linalg.lstsq(left, right.ravel(), rcond=None)[0])
 
 
 def _daniilidis(motions: Motions) -> Poses:

