@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from drivers._gantry.grbl_report import ReportReader
 from drivers.arm_gantry import GantryArm
 from mvp.devices import DeviceContext
-from mvp.errors import DeviceError
+from mvp.errors import ConnectError, DeviceError, DeviceTimeout
 from mvp.testing import FarEnd
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ GRBL = {
     b"?": b"<Idle|MPos:-100.000,-200.000,-50.000,10.000,20.000|H:1|FS:0,0>\r\n",
 }
 PLACE = b"X:100.00 Y:200.00 Z:50.00 E:0.00 A:10.00 B:20.00 Count X:8000 Y:1 Z:1\nok\n"
+TRIES = 10
 AXES = [
     {"letter": letter, "low": low, "high": 1200, "speed": 100, "acceleration": 100}
     for letter, low in (("X", -1200), ("Y", -1200), ("Z", -900), ("A", -90), ("B", -90))
@@ -96,10 +97,18 @@ def survives(rig: Any, before: bytes, after: bytes, unasked: bytes) -> None:
         arm.state()
     far_end.answer = quiet
     far_end.say(b"\n")
-    with suppress(DeviceError):
-        arm.close()
-    arm.open()
-    assert arm.state().joints[:3] == at
+    assert back_in_step(arm).joints[:3] == at
+
+
+def back_in_step(arm: Any) -> Any:
+    """Opened anew; more than once, as a busy computer misses so short a deadline."""
+    for _ in range(TRIES):
+        with suppress(DeviceError):
+            arm.close()
+        with suppress(DeviceTimeout, ConnectError):
+            arm.open()
+            return arm.state()
+    raise AssertionError("it does not answer any more")
 
 
 @settings(max_examples=15, deadline=None)
