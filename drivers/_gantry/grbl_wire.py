@@ -106,6 +106,7 @@ class GrblWire:
             ConnectError: nobody answers, or the machine is another one.
         """
         self._alarm = None
+        self._doing = ""
         self._came.forget()
         self._expects_banner = True
         self._session.open()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 import re
+import threading
 from typing import TYPE_CHECKING
 
 from drivers._gantry.wire import Activity, Identity, Report
@@ -24,7 +25,6 @@ from mvp.errors import (
 )
 
 if TYPE_CHECKING:
-    import threading
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
@@ -69,6 +69,7 @@ class MarlinWire:
         self._config = config
         self._on_home_lost = on_home_lost
         self._number = 0
+        self._asking = threading.RLock()
         self._doing = ""
         self._halted = ""
         self._last: Report | None = None
@@ -99,7 +100,7 @@ class MarlinWire:
         Raises:
             ConnectError: nobody answers, or it is no Marlin.
         """
-        self._halted = ""
+        self._halted = self._doing = ""
         self._session.open()
         try:
             lines = self._session.request_until(
@@ -147,9 +148,28 @@ class MarlinWire:
             DeviceFault: the board has halted.
             DeviceTimeout, WireError, LinkLost: no sensible answer.
         """
-        if self._doing and self._last is not None:
-            return Report(Activity.MOVES, self._last.machine, None, self._doing)
+        moving = self._moving()
+        if moving is not None:
+            return moving
         self._refuse_when_halted()
+        if not self._asking.acquire(timeout=self._config.answer_s):
+            # A motion has begun meanwhile, and nothing can be asked before its end.
+            moving = self._moving()
+            if moving is None:
+                raise DeviceTimeout("is busy with another question", device=self._name)
+            return moving
+        try:
+            return self._moving() or self._place()
+        finally:
+            self._asking.release()
+
+    def _moving(self) -> Report | None:
+        """The last known place while a motion of ours is under way."""
+        if not self._doing or self._last is None:
+            return None
+        return Report(Activity.MOVES, self._last.machine, None, self._doing)
+
+    def _place(self) -> Report:
         frames = self._ask("M114")
         places: dict[str, float] = {}
         for frame in frames:
@@ -245,6 +265,10 @@ class MarlinWire:
 
     def _ask(self, line: str, timeout_s: float | None = None) -> tuple[bytes, ...]:
         """Send a line until it has arrived whole; what was damaged was not executed."""
+        with self._asking:  # line numbers follow each other
+            return self._asked(line, timeout_s)
+
+    def _asked(self, line: str, timeout_s: float | None) -> tuple[bytes, ...]:
         limit = self._config.answer_s if timeout_s is None else timeout_s
         for tries_left in reversed(range(_SENT_AGAIN + 1)):
             self._number += 1
