@@ -11,9 +11,9 @@ import json
 import socket
 import threading
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, BinaryIO, Self
+from typing import TYPE_CHECKING, Self
 
-from drivers.simulators.line_server import LOOPBACK, LineServer
+from drivers.simulators.line_server import LOOPBACK, LineServer, Outlet
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -77,7 +77,7 @@ class ControlServer:
         if server is not None:
             server.stop()
 
-    def _handle(self, line: bytes, out: BinaryIO) -> None:
+    def _handle(self, line: bytes, out: Outlet) -> None:
         with self._turn:
             said = answer(line, self._verbs)
         out.write(said)

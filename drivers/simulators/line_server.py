@@ -6,13 +6,21 @@ import contextlib
 import socket
 import socketserver
 import threading
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 LOOPBACK = "127.0.0.1"
 _LINE_MAX = 65536
+
+
+class Outlet(Protocol):
+    """Where an answer is written."""
+
+    def write(self, data: bytes, /) -> object:
+        """Send all of it."""
+        ...
 
 
 class LineServer:
@@ -28,7 +36,7 @@ class LineServer:
     """
 
     def __init__(
-        self, handle: Callable[[bytes, BinaryIO], None], *, name: str, port: int = 0
+        self, handle: Callable[[bytes, Outlet], None], *, name: str, port: int = 0
     ) -> None:
         self._server = _Server(handle, port)
         self._thread = threading.Thread(
@@ -55,7 +63,7 @@ class _Server(socketserver.ThreadingTCPServer):
     allow_reuse_address = True
     daemon_threads = False
 
-    def __init__(self, handle: Callable[[bytes, BinaryIO], None], port: int) -> None:
+    def __init__(self, handle: Callable[[bytes, Outlet], None], port: int) -> None:
         self.handle = handle
         self._turn = threading.Lock()
         self._connections: set[socket.socket] = set()

@@ -10,11 +10,11 @@ from __future__ import annotations
 import json
 import socket
 import threading
-from typing import TYPE_CHECKING, BinaryIO, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from drivers.simulators.line_server import LOOPBACK, LineServer
+from drivers.simulators.line_server import LOOPBACK, LineServer, Outlet
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ class WorldServer:
         if server is not None:
             server.stop()
 
-    def _do(self, line: bytes, out: BinaryIO) -> None:
+    def _do(self, line: bytes, out: Outlet) -> None:
         """One request; what the world refuses is answered only where it is asked."""
         asked, world = json.loads(line), self._world
         match asked["do"]:
@@ -64,7 +64,7 @@ class WorldServer:
             case other:
                 _say(out, {"error": f"no request {other!r}"})
 
-    def _picture(self, asked: dict[str, float], out: BinaryIO) -> None:
+    def _picture(self, asked: dict[str, float], out: Outlet) -> None:
         grey = self._world.frame(
             asked["start_s"],
             asked["exposure_s"],
@@ -76,7 +76,7 @@ class WorldServer:
         out.write(grey.tobytes())
 
 
-def _say(out: BinaryIO, message: dict[str, object]) -> None:
+def _say(out: Outlet, message: dict[str, object]) -> None:
     out.write(json.dumps(message).encode() + b"\n")
 
 
