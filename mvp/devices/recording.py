@@ -188,17 +188,26 @@ class ReplayTransport:
             lines = [json.loads(x) for x in path.read_text("utf-8").splitlines()]
             header, entries = lines[0], lines[1:]
             traffic = [
-                Traffic(e["t_s"], e["what"], bytes.fromhex(e["hex"])) for e in entries
+                Traffic(float(e["t_s"]), e["what"], bytes.fromhex(e["hex"]))
+                for e in entries
             ]
-            if header["schema"] != SCHEMA:
+            if header["schema"] != SCHEMA or not isinstance(header["device"], str):
                 raise ValueError(f"schema {header['schema']!r}")
-        except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
+            lost_bytes = int(header["dropped_bytes"])
+        except (
+            OSError,
+            ValueError,
+            LookupError,
+            TypeError,
+            OverflowError,
+            RecursionError,
+        ) as error:
             raise RecordError(
                 f"{path} is no recording of a wire: {error}", where=str(path)
             ) from error
-        if header["dropped_bytes"]:
+        if lost_bytes:
             raise RecordError(
-                f"{path} has lost its first {header['dropped_bytes']} bytes",
+                f"{path} has lost its first {lost_bytes} bytes",
                 hint="only a complete recording can be played back",
                 where=str(path),
             )
