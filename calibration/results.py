@@ -60,15 +60,7 @@ def quality_of(
         rms_mm=rms_mm,
         error_95_mm=error_95_mm,
         reasons=verdict.reasons,
-        causes=[
-            VerdictCause(
-                code=cause.code,
-                grade="no-go" if cause.grade == "no-go" else "marginal",
-                message=cause.message,
-                action=cause.action,
-            )
-            for cause in verdict.ordered
-        ],
+        causes=_causes(verdict),
         next_action=verdict.next_action,
         condition=estimate.condition,
         weakest_direction=weakest or estimate.weakest.words,
@@ -79,6 +71,18 @@ def quality_of(
         out_of_sample_mm=out_of_sample_mm,
         views=list(views),
     )
+
+
+def _causes(verdict: Verdict) -> list[VerdictCause]:
+    return [
+        VerdictCause(
+            code=cause.code,
+            grade="no-go" if cause.grade == "no-go" else "marginal",
+            message=cause.message,
+            action=cause.action,
+        )
+        for cause in verdict.ordered
+    ]
 
 
 def named_covariance(names: Sequence[str], covariance: FloatArray) -> NamedCovariance:

@@ -19,6 +19,7 @@ from drivers._gantry.config import GantryConfig
 from drivers._gantry.grbl_wire import GrblWire
 from drivers._gantry.marlin_wire import MarlinWire
 from drivers._gantry.verdicts import (
+    late,
     refuse_held,
     require_arrived,
     require_marks,
@@ -342,14 +343,14 @@ class GantryArm:
         try:
             yield
         except BaseException as error:
-            late = isinstance(error, DeviceTimeout)
+            is_late = isinstance(error, DeviceTimeout)
             if self._stopping.is_set():
-                if late:
+                if is_late:
                     raise MotionStopped("stopped", device=self.name) from error
                 raise
             rests = self._halted()
-            if late:
-                raise self._late(rests=rests) from error
+            if is_late:
+                raise late(self.name, rests=rests) from error
             raise
 
     def _halted(self) -> bool:
@@ -357,16 +358,6 @@ class GantryArm:
         with suppress(DeviceError):
             self._wire.halt()
         return self._come_to_rest()
-
-    def _late(self, *, rests: bool) -> DeviceTimeout:
-        did = "it has been stopped" if rests else "it was not seen to stop"
-        return DeviceTimeout(
-            f"did not arrive in time; {did}",
-            device=self.name,
-            hint="is its speed configured too high, or does something block it?"
-            if rests
-            else "use the emergency stop if it still moves",
-        )
 
     def _come_to_rest(self) -> bool:
         known = not self._wire.is_lost and self._wire.settle_halt()

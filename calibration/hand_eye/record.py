@@ -12,8 +12,8 @@ from mvp.errors import CalibrationError
 
 if TYPE_CHECKING:
     from calibration.hand_eye.data import HandEyeData
-    from calibration.hand_eye.result import HandEyeResult
-    from mvp.calibrated import Provenance
+    from calibration.hand_eye.result import HandEyeResult, HandEyeSolution
+    from mvp.calibrated import Provenance, Quality
 
 _NORMAL_95 = 1.96
 
@@ -48,7 +48,27 @@ def hand_eye_calibration(
             f"no hand-eye transform to store: {'; '.join(result.verdict.reasons)}",
             hint=result.verdict.next_action,
         )
-    quality = quality_of(
+    return RigidCalibration(
+        schema="mvp-cell/hand-eye/1",
+        provenance=provenance,
+        quality=_quality(result, found, data, stand_off_mm),
+        target=found.moving_from_camera.target,
+        source="camera",
+        matrix=found.moving_from_camera.matrix.tolist(),
+        covariance=found.covariance.tolist(),
+        reference_d_mm=reference_d_mm,
+        reference_f_mm=reference_f_mm,
+        validity=validity or Validity(),
+    )
+
+
+def _quality(
+    result: HandEyeResult,
+    found: HandEyeSolution,
+    data: HandEyeData,
+    stand_off_mm: float,
+) -> Quality:
+    return quality_of(
         result.verdict,
         found.estimate,
         weakest=found.weakest.words,
@@ -59,16 +79,4 @@ def hand_eye_calibration(
             ViewResidual(name=name, rms_mm=float(error))
             for name, error in zip(data.seen.names, found.left_out_mm, strict=True)
         ],
-    )
-    return RigidCalibration(
-        schema="mvp-cell/hand-eye/1",
-        provenance=provenance,
-        quality=quality,
-        target=found.moving_from_camera.target,
-        source="camera",
-        matrix=found.moving_from_camera.matrix.tolist(),
-        covariance=found.covariance.tolist(),
-        reference_d_mm=reference_d_mm,
-        reference_f_mm=reference_f_mm,
-        validity=validity or Validity(),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivers._gantry.wire import Activity
-from mvp.errors import DeviceFault, LimitError
+from mvp.errors import DeviceFault, DeviceTimeout, LimitError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -88,3 +88,15 @@ def require_marks(report: Report, axes: Sequence[GantryAxis], name: str) -> None
                 hint="put it to its mark by hand and switch the controller off and "
                 "on, so that it counts from there",
             )
+
+
+def late(name: str, *, rests: bool) -> DeviceTimeout:
+    """The error of a motion that took too long, and whether it was seen to stop."""
+    did = "it has been stopped" if rests else "it was not seen to stop"
+    return DeviceTimeout(
+        f"did not arrive in time; {did}",
+        device=name,
+        hint="is its speed configured too high, or does something block it?"
+        if rests
+        else "use the emergency stop if it still moves",
+    )

@@ -75,7 +75,6 @@ def edge_report(
         _end(picture, view, index, line.end_px, edge.end_neighbours, expectation),
     ]
     length, sd = _length(ends)
-    offset = _offset_at_middle(edge, found) if found.found else None
     raw = [
         tuple(map(float, expectation.plane.raw(p)))
         for p in (whole.start_px, whole.end_px)
@@ -91,7 +90,7 @@ def edge_report(
         end_px=_raw_place(expectation, ends[1]),
         predicted_start_px=(raw[0][0], raw[0][1]),
         predicted_end_px=(raw[1][0], raw[1][1]),
-        offset_px=offset,
+        offset_px=_offset_at_middle(edge, found) if found.found else None,
         offset_after_px=float(view.residual_px[index]) if found.found else None,
         offset_sd_px=found.offset_sd_px if found.found else None,
         allowed_offset_px=shift_tolerance_px(
