@@ -244,12 +244,19 @@ class GantryArm:
         if not self._homed:
             yield RecoveryStep(
                 "It is not known where the axes are. Homing moves Z up and then X and "
-                "Y to their switches: nothing may be in the way.",
+                "Y to their switches: nothing may be in the way."
+                f"{self._marks_text()}",
                 acknowledge=True,
                 act=self._home_for_person,
             )
 
     # ------------------------------------------------------------ inside
+
+    def _marks_text(self) -> str:
+        if not self._declared:
+            return ""
+        letters = " and ".join(self._declared)
+        return f" Axes {letters} have no switch: they must stand at their marks now."
 
     @property
     def _declared(self) -> list[str]:

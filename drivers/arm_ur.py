@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from drivers._ur.codes import trouble
+from drivers._ur.codes import robot_trouble, trouble
 from drivers._ur.config import UrArmConfig
 from drivers._ur.motion import Motions
 from drivers._ur.recovery import recover
@@ -221,12 +221,14 @@ class UrArm:
     def _state_of(self, status: Status) -> ArmState:
         turn = np.array(status.tcp_m_rad[3:])
         point_mm = 1000 * np.array(status.tcp_m_rad[:3])
+        held = robot_trouble(status)
         base_from_tcp = Pose.from_rotvec("base", "tcp", turn, point_mm)
         return ArmState(
             status.joints_rad,
             (base_from_tcp @ self._tcp_from_tool).matrix,
             status.standing,
             self._clock.now_s() - self._session.age_s(),
+            fault=held.message if held else "",
         )
 
     def _checked(self, joints: Sequence[float]) -> FloatArray:

@@ -26,7 +26,7 @@ _API = "0.8"
 _NEGOTIATE = 0
 _USABLE = {"SUCCESS"}
 # A frame with a hole is given up after this long, so that a retry comes soon.
-_RETENTION_US = 200_000
+_RETENTION_US = 400_000
 
 
 def aravis_problem() -> str:

@@ -23,6 +23,7 @@ import numpy as np
 from drivers.simulators.control import ControlServer
 from drivers.simulators.line_server import LOOPBACK
 from drivers.simulators.mjpeg_shutter import Faults, MjpegSimulatorConfig, Shutter
+from mvp.errors import ConnectError
 
 if TYPE_CHECKING:
     import socket
@@ -73,11 +74,20 @@ class MjpegSimulator:
         """Listen; the keys for the camera's table of the cell file.
 
         Raises:
-            OSError: the port is taken.
+            ConnectError: the port is taken.
         """
         if self._control.port == 0:
             self.shutter.start()
-            self._listen()
+            try:
+                self._listen()
+            except OSError as error:
+                self.stop()
+                raise ConnectError(
+                    f"the simulator cannot listen on port {self._config.port}: "
+                    f"{error.strerror}",
+                    device=self.name,
+                    hint="give another port in [simulators.camera], or 0 for any",
+                ) from error
             self._control.start()
         config, base = self._config, f"http://{LOOPBACK}:{self._port}"
         query = "exposure_us={exposure_us}&gain={gain}"

@@ -290,6 +290,12 @@ class CellEngine:
             raise MotionStopped("stopped while settling", device=device)
 
     def _check_arm(self, view: PlannedView, state: ArmState) -> None:
+        if state.fault:
+            raise DeviceFault(
+                f"{state.fault}, at {view.id}",
+                device=self._devices.arm.name,
+                hint="see to it; `mvp-cell recover CELL` walks the way back",
+            )
         off = np.abs(np.subtract(state.joints, view.joints_rad))
         if not state.standing or (off > self._arrived).any():
             worst = float(off[int(np.argmax(off / self._arrived))])

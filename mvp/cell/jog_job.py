@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import Field
 
+from mvp.cell.homing import home_arm, is_homed
 from mvp.cell.jog_words import (
     HELP,
     Expose,
@@ -337,6 +338,7 @@ class Jogger:
             case "where":
                 return self._where()
             case "home":
+                home_arm(self.devices)
                 state = self.devices.lens.home(timeout_s=_LENS_S)
                 return self._lens_text(state.steps())
             case "see":
@@ -354,8 +356,9 @@ class Jogger:
         camera = np.array(here.base_from_camera)
         eye, view = camera[:3, 3], camera[:3, 2]
         homed = "" if self.devices.lens.state().homed else " (not homed)"
+        known = "" if is_homed(self.devices.arm) else " (not homed: only a count)"
         return (
-            f"joints {_joints_text(here.joints, units)}\n"
+            f"joints {_joints_text(here.joints, units)}{known}\n"
             f"camera at ({eye[0]:.1f}, {eye[1]:.1f}, {eye[2]:.1f}) mm, looks along "
             f"({view[0]:.3f}, {view[1]:.3f}, {view[2]:.3f}), base frame\n"
             f"lens {self._lens_text(here.lens_steps)}{homed}"

@@ -27,7 +27,7 @@ zoom focus iris N     motor to step N; +N or -N from where it is
 f d a NUMBER          lens to mm, through the lens table
 exposure NUMBER       of the next pictures, ms
 see                   the picture, in this window;  shot FILE.png  into a file
-where                 joints, pose, lens;  home  the lens' references
+where                 joints, pose, lens;  home  references of lens and gantry
 help, quit"""
 
 

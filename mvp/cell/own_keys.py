@@ -49,4 +49,7 @@ def own_keys(
         kinds = {problem["type"] for problem in error.errors(include_url=False)}
         if may_miss and kinds == {"missing"}:
             return model.model_construct(None, **options)
-        raise config_error(cell.source, model, error, table) from error
+        awaited = frozenset({"missing"}) if may_miss else frozenset[str]()
+        raise config_error(
+            cell.source, model, error, table, leave_out=awaited
+        ) from error

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field, ValidationError
 
 from mvp.cell.lock import held_by, private_file
-from mvp.errors import ConnectError, UsageError
+from mvp.errors import ConnectError, MvpCellError, UsageError
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
@@ -159,11 +159,26 @@ def _ready(process: subprocess.Popen[bytes], words: IO[bytes], name: str) -> Sim
     except ValidationError as error:
         words.seek(0)
         said = words.read().decode("utf-8", "replace").strip()[-2000:]
-        raise ConnectError(
-            f"the simulation of {name} did not start: {said or 'it said nothing'}",
-            device="simulation",
-            hint="`mvp-cell simulate CELL` shows more",
-        ) from error
+        raise _not_started(said, process, name) from error
+
+
+def _not_started(
+    said: str, process: subprocess.Popen[bytes], name: str
+) -> MvpCellError:
+    """In its own words where it told; with its own kind of error."""
+    lines = said.splitlines()
+    told = [x.removeprefix("error: ") for x in lines if x.startswith("error: ")]
+    hints = [x.removeprefix("hint:").strip() for x in lines if x.startswith("hint:")]
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(_END_S)
+    if told and process.returncode == UsageError.exit_code:
+        return UsageError(told[0], hint=" ".join(hints), where=name)
+    why = told[0] if told else said or "it said nothing"
+    return ConnectError(
+        f"the simulation of {name} did not start: {why}",
+        device="simulation",
+        hint=" ".join(hints) or "`mvp-cell simulate CELL` shows more",
+    )
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -120,10 +120,12 @@ def config_error(
     model: type[BaseModel],
     error: ValidationError,
     prefix: tuple[str | int, ...] = (),
+    *,
+    leave_out: frozenset[str] = frozenset(),
 ) -> ConfigError:
-    """The readable form of a validation error."""
+    """The readable form of a validation error, without some kinds of problems."""
     problems = sorted(
-        error.errors(include_url=False),
+        (p for p in error.errors(include_url=False) if p["type"] not in leave_out),
         key=lambda p: line_of(source.lines, (*prefix, *p["loc"])),
     )
     texts = []

@@ -27,7 +27,12 @@ def allow_motion(motion: Motion, *, yes: bool) -> bool:
             where=motion.cell,
         )
     models = ", ".join(info.model for info in motion.infos.values())
-    first = "drive its axes to their references, then " if motion.homes else ""
+    first = (
+        "drive its axes to their references (those without a switch must stand at "
+        "their marks now), then "
+        if motion.homes
+        else ""
+    )
     console().print(
         f"{motion.cell} ({models}) will {first}move to {motion.views} place(s). "
         "Keep clear and keep a hand on the emergency stop.",
@@ -43,10 +48,22 @@ def terminal() -> bool:
 
 
 def ask(question: str) -> str:
-    """One line of answer; the end of input counts as Ctrl-C."""
+    """One line of answer; the end of input counts as Ctrl-C.
+
+    What was typed before the question was shown is no answer to it.
+    """
+    _forget_typed()
     sys.stderr.write(question)
     sys.stderr.flush()
     answer = sys.stdin.readline()
     if not answer:
         raise KeyboardInterrupt
     return answer
+
+
+def _forget_typed() -> None:
+    """Drop lines that wait at the terminal; pipes are left alone."""
+    if sys.platform != "win32" and sys.stdin.isatty():
+        import termios
+
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)

@@ -106,7 +106,7 @@ def _follow(jogger: Jogger, given: list[str] | None) -> None:
     from mvp.cell.beside import call_beside
     from mvp.cell.jog_words import Plain, parse
     from mvp.cli.output import console
-    from mvp.errors import InfeasibleError, LimitError, UsageError
+    from mvp.errors import InfeasibleError, LimitError, OutputError, UsageError
 
     say = console()
     for line in given if given else _asked():
@@ -116,7 +116,7 @@ def _follow(jogger: Jogger, given: list[str] | None) -> None:
                 return
             said = call_beside(partial(jogger.do, command), jogger.devices.stop)
             say.print(said, markup=False, highlight=False)
-        except (UsageError, LimitError, InfeasibleError) as error:
+        except (UsageError, LimitError, InfeasibleError, OutputError) as error:
             if given:
                 raise
             say.print(f"{error.message}. {error.hint}", style="yellow", markup=False)

@@ -50,12 +50,16 @@ class DeviceInfo:
 
 @dataclass(frozen=True)
 class ArmState:
-    """Joints (n,) in rad or mm per axis, flange pose, and whether it stands still."""
+    """Joints (n,) in rad or mm per axis, flange pose, and whether it stands still.
+
+    ``fault`` says what the controller holds against motion; empty when nothing.
+    """
 
     joints: tuple[float, ...]
     base_from_tool: NDArray[np.float64]
     standing: bool
     t_monotonic_s: float
+    fault: str = ""
 
 
 @dataclass(frozen=True)
