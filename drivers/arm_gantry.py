@@ -244,19 +244,13 @@ class GantryArm:
         if not self._homed:
             yield RecoveryStep(
                 "It is not known where the axes are. Homing moves Z up and then X and "
-                "Y to their switches: nothing may be in the way."
-                f"{self._marks_text()}",
+                "Y to their switches: nothing may be in the way. Axes that have no "
+                f"switch must stand at their marks: {', '.join(self._declared)}.",
                 acknowledge=True,
                 act=self._home_for_person,
             )
 
     # ------------------------------------------------------------ inside
-
-    def _marks_text(self) -> str:
-        if not self._declared:
-            return ""
-        letters = " and ".join(self._declared)
-        return f" Axes {letters} have no switch: they must stand at their marks now."
 
     @property
     def _declared(self) -> list[str]:
@@ -274,9 +268,10 @@ class GantryArm:
         except BaseException:
             self._wire.close()
             raise
+        # A hand may have turned an axis that no switch has found.
+        known = report.homed is True and not self._declared
         with self._lock:
-            # A hand may have turned an axis that no switch has found.
-            self._homed = report.homed is True and not self._declared
+            self._homed = known
         _LOG.warning("%s: this driver was not tried on hardware yet", self.name)
 
     def _recognised(self, identity: Identity) -> Identity:
