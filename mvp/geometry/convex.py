@@ -23,11 +23,13 @@ class FeaturePiece:
         facing: ``"any"``: one facing plane suffices (convex edge); ``"all"``: every
             plane must face (reflex edge, face, hole mouth). No planes: no such rule,
             and every triangle occludes from both sides.
+        mouth: of a hole: where something stands in it, its rim alone must be seen.
     """
 
     vertices_mm: FloatArray
     planes: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
     facing: Facing = "all"
+    mouth: bool = False
 
     def __post_init__(self) -> None:
         vertices = np.array(as_points(self.vertices_mm, name="vertices_mm"))

@@ -121,7 +121,7 @@ def mouth_pieces(
     offset = float((rim_mm @ axis).max())
     plane = np.append(axis, offset)[None]
     if not _mouth_is_blocked(rim_mm, axis, mesh):
-        return (FeaturePiece(rim_mm, plane, "all"),)
+        return (FeaturePiece(rim_mm, plane, "all", mouth=True),)
     chords = np.stack([rim_mm, np.roll(rim_mm, -1, axis=0)], axis=1)
     return tuple(FeaturePiece(chord, plane, "all") for chord in chords)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,9 +38,7 @@ def separate_pieces(
         for piece in pieces
         for part in _unpierced(
             occluders,
-            FeaturePiece(
-                occluders.snapped(piece.vertices_mm), piece.planes, piece.facing
-            ),
+            replace(piece, vertices_mm=occluders.snapped(piece.vertices_mm)),
         )
     ]
     middles = np.array([piece.vertices_mm.mean(axis=0) for piece in whole])
@@ -60,9 +59,12 @@ def _spread_order(points_mm: FloatArray) -> list[int]:
 
 
 def _unpierced(occluders: Occluders, piece: FeaturePiece) -> list[FeaturePiece]:
-    """The piece, or the sides of its outline where something passes through it."""
+    """The piece, or the rim of a hole's mouth where something passes through it.
+
+    A face that something passes through is seen whole from nowhere.
+    """
     vertices = piece.vertices_mm
-    if len(vertices) < 3 or not _pierced(occluders, vertices):
+    if not piece.mouth or len(vertices) < 3 or not _pierced(occluders, vertices):
         return [piece]
     ends = np.stack([vertices, np.roll(vertices, -1, axis=0)], axis=1)
     return [FeaturePiece(chord, piece.planes, piece.facing) for chord in ends]

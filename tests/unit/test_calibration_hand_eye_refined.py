@@ -92,7 +92,7 @@ def _trials(count, noise, stated, first=100):
 
 
 def test_the_refinement_is_better_than_the_closed_form():
-    refined, closed, _, _ = _trials(2, SPEC, WIDE)
+    refined, closed, _, _ = _trials(6, SPEC, WIDE)
     assert (refined <= (0.04, 0.24)).all()
     assert (refined < closed).all()
 

@@ -206,10 +206,20 @@ def test_a_feature_inside_another_solid_is_not_seen_through_its_back_faces():
     assert not region.contains(np.random.default_rng(2).uniform(41, 99, (200, 3))).any()
 
 
+def test_a_pin_through_a_face_hides_a_part_of_it_from_everywhere():
+    turns = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    outline = np.stack([20 * np.cos(turns), 20 * np.sin(turns), 0 * turns], axis=1)
+    face = FeaturePiece(outline, [[0, 0, 1, 0]], "all")
+    pin = block([-1, -1, -30], [1, 1, 0.5])
+    points = np.random.default_rng(3).uniform(-100, 100, (1000, 3))
+    assert not exactly_visible(pin, [face], points).any()
+    assert not region_of(pin, face).contains(points).any()
+
+
 def test_a_pin_through_a_hole_mouth_leaves_its_rim_to_be_seen():
     turns = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     rim = np.stack([20 * np.cos(turns), 20 * np.sin(turns), 0 * turns], axis=1)
-    mouth = FeaturePiece(rim, [[0, 0, 1, 0]], "all")
+    mouth = FeaturePiece(rim, [[0, 0, 1, 0]], "all", mouth=True)
     pin = block([-1, -1, -30], [1, 1, 0.5])
     region = region_of(pin, mouth)
     assert region.statistics.pieces == 12
