@@ -31,7 +31,7 @@ test: lint       ## lint and the test suite (under 15 minutes on 2 cores)
 	$(BIN)/pytest -n 2 --dist worksteal -q
 
 test-full: lint  ## the large counts as well
-	$(BIN)/pytest -n 2 --dist worksteal -q -m 'not hardware'
+	HYPOTHESIS_PROFILE=new-inputs $(BIN)/pytest -n 2 --dist worksteal -q -m 'not hardware'
 
 bench: $(STAMP)  ## side-by-side timings, ratios printed
 	$(BIN)/python tools/bench_planner.py

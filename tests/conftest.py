@@ -1,4 +1,8 @@
-"""Debian's GigE Vision camera, which nobody here wrote, for every test that wants it."""
+"""What every test shares: how inputs are drawn, and Debian's GigE Vision camera.
+
+The default suite draws the same inputs each time, so that a run which passed here
+passes elsewhere; `make test-full` draws new ones.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +17,23 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+settings.register_profile(
+    "same-inputs",
+    derandomize=True,
+    database=None,
+    deadline=None,
+    print_blob=True,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.register_profile(
+    "new-inputs", settings.get_profile("same-inputs"), derandomize=False
+)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same-inputs"))
 
 _PROGRAM = "arv-fake-gv-camera-0.8"
 _HOST = "127.0.0.1"

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mvp.devices import Clock
 
 _SAFE = ("NORMAL", "REDUCED")
+_UNPOWERING = ("ROBOT_EMERGENCY_STOP", "SYSTEM_EMERGENCY_STOP")
 _POWERING_S = 30.0
 _UNLOCK_S = 12.0
 _SEEN_TO_S = 5.0
@@ -137,7 +138,7 @@ class _Ways:
             f"leave the mode at the pendant. {_ONLY_HERE}",
             acknowledge=True,
             act=lambda: self._wait(
-                lambda: self._safety() != found, _SEEN_TO_S, "the safety system"
+                lambda: self._is_over(found), _SEEN_TO_S, "the safety system"
             ),
         )
 
@@ -186,6 +187,11 @@ class _Ways:
 
     def _safety(self) -> str:
         return self._ask("safetystatus")
+
+    def _is_over(self, found: str) -> bool:
+        """An emergency stop takes the power away a moment after the arm stands."""
+        unpowered = found not in _UNPOWERING or self._mode() != "RUNNING"
+        return self._safety() != found and unpowered
 
     def _is_stopped(self) -> bool:
         return self._ask("programState").upper().startswith("STOPPED")

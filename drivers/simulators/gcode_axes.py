@@ -235,7 +235,9 @@ class Axes:
         length = max(float(np.linalg.norm(way)), 1e-12)
         along = block.rate * self.override * self.scale
         fastest = np.array([a.rate_min / 60 for a in self.settings]) * self.scale
-        speed = np.minimum(fastest, np.where(way > 0, along * way / length, np.inf))
+        asked = np.full(len(way), np.inf)
+        np.multiply(along, way / length, out=asked, where=way > 0)
+        speed = np.minimum(fastest, asked)
         ramps = np.array([a.acceleration for a in self.settings]) * self.scale
         return StraightMove.limited(
             self.counter, target, speed=np.maximum(speed, 1e-9), acceleration=ramps

@@ -33,11 +33,12 @@ class UrBench:
     def __init__(self, stack: ExitStack, **settings: object) -> None:
         settings = {"speed_scale": 3.0, "unlock_delay_s": 0.5, **settings}
         config = UrSimulatorConfig.model_validate(settings)
+        self._stack = stack
         self.simulator = stack.enter_context(UrSimulator(config, "ur"))
         self.faults = stack.enter_context(ControlClient(self.simulator.control_port))
 
     def arm(self, **settings: object) -> UrArm:
-        """A driver for this controller, not yet open."""
+        """A driver for this controller, not yet open; closed with the test."""
         settings = {
             "host": self.simulator.host,
             "payload_kg": 1.5,
@@ -48,7 +49,9 @@ class UrBench:
             **settings,
         }
         config = UrArm.Config.model_validate(settings)
-        return UrArm.from_config(config, DeviceContext(), name="arm")
+        arm = UrArm.from_config(config, DeviceContext(), name="arm")
+        self._stack.callback(arm.close)
+        return arm
 
     def do(self, verb: str, **arguments: object) -> dict[str, object]:
         """One thing over the fault channel."""

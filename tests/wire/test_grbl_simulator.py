@@ -376,6 +376,16 @@ _CHUNKS = st.lists(
 _PROFILES = st.sampled_from(["grbl", "grblhal", "fluidnc"])
 
 
+def test_a_rapid_move_of_one_axis_moves_only_that_one() -> None:
+    board = Bench("grblhal")
+    board.say(b"$X\n")
+    before = board.machine.motion.axes.counter.copy()
+    board.say(b"G0 A5\n")
+    board.wait(5.0)
+    moved = board.machine.motion.axes.counter - before
+    assert moved.tolist() == [0, 0, 0, 5, 0]
+
+
 def _nonsense(profile: str, chunks: list[bytes]) -> None:
     board = Bench(profile)
     for chunk in chunks:

@@ -286,6 +286,20 @@ def test_an_emergency_stop_brakes_before_the_power_goes() -> None:
     assert desk.robot.safety.power == RobotMode.POWER_OFF
 
 
+def test_an_emergency_stop_that_is_released_at_once_still_takes_the_power() -> None:
+    desk = Desk()
+    desk.finish(MOVE_J, *TARGET, 1.0, 5.0, flag=1)
+    desk.run(0.4)
+    desk.robot.safety.emergency_stop()
+    desk.run(0.05)
+    desk.robot.safety.release()
+    assert not desk.robot.arm.standing
+    desk.run(0.3)
+    assert desk.robot.arm.standing
+    assert desk.robot.safety.power == RobotMode.POWER_OFF
+    assert not desk.robot.arm.held
+
+
 @pytest.mark.parametrize(
     ("command", "values"),
     [

@@ -86,6 +86,7 @@ class Safety:
         self.unlock_delay_s = unlock_delay_s
         self._robot = robot
         self._stopped_at_s = 0.0
+        self._falling = False
         self._next: list[tuple[float, RobotMode]] = []
 
     @property
@@ -102,9 +103,10 @@ class Safety:
         """Power-up in its time; power off after an emergency stop once it stands."""
         if self._next and self._robot.now_s >= self._next[0][0]:
             self.power = self._next.pop(0)[1]
-        fallen = self.mode in (*_EMERGENCY, SafetyMode.FAULT)
-        if fallen and self._robot.arm.standing and self.power > RobotMode.POWER_OFF:
+        if self._falling and self._robot.arm.standing:
+            self._falling = False
             self._robot.arm.drop()
+            self._robot.arm.held = self.mode not in MOVING_ALLOWED
             self.set_power(RobotMode.POWER_OFF)
 
     def protective_stop(self, on_stop: OnStop | None = None) -> None:
@@ -134,7 +136,7 @@ class Safety:
             self._robot.resume()
         elif self.mode in _EMERGENCY:
             self.mode = SafetyMode.NORMAL
-            self._robot.arm.held = False
+            self._robot.arm.held = self._falling
         else:
             raise ValueError(f"nothing to release in {self.mode.name}")
 
@@ -189,6 +191,9 @@ class Safety:
         """Ramp the arm down; the program waits or ends."""
         self.mode = mode
         self._stopped_at_s = self._robot.now_s
+        self._falling = (
+            mode in (*_EMERGENCY, SafetyMode.FAULT) and self.power > RobotMode.POWER_OFF
+        )
         if on_stop == "pause":
             self._robot.pause()
         else:
