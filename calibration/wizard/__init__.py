@@ -1,0 +1,1 @@
+"""Wizards: calibrations that a person, or nobody, can carry out to the end."""

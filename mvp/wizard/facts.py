@@ -1,0 +1,144 @@
+"""What a session knows before its first picture; kept in ``session.json``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from pydantic import Field
+
+from mvp.calibrated import (
+    CameraCalibration,
+    LensTableCalibration,
+    RigidCalibration,
+    TargetPrint,
+)
+from mvp.fileedge import FileModel
+from mvp.geometry import Pose
+from mvp.kinematics import tool_from_camera_at
+from mvp.optics import Intrinsics, LensTable, Sensor
+
+if TYPE_CHECKING:
+    from mvp.optics import LensSetting
+
+FACTS_SCHEMA: Literal["mvp-cell/calibration-session/1"] = (
+    "mvp-cell/calibration-session/1"
+)
+
+
+class TargetFacts(TargetPrint):
+    """The printed target, how well its size is known, and roughly where it lies.
+
+    Target frame: x right, y down, z into the board for somebody who looks at it; a
+    ChArUco board's origin is its outer corner, that of the others the first point.
+    ``position_mm`` and ``rotation_deg`` (a rotation vector): ``base_from_target``, with
+    one standard deviation for each axis.
+    """
+
+    square_sigma_mm: float = Field(gt=0)
+    position_mm: tuple[float, float, float]
+    rotation_deg: tuple[float, float, float]
+    position_sigma_mm: float = Field(default=5.0, gt=0)
+    angle_sigma_deg: float = Field(default=2.0, gt=0)
+
+    @property
+    def base_from_target(self) -> Pose:
+        """Roughly where it lies."""
+        turn = np.radians(self.rotation_deg)
+        return Pose.from_rotvec("base", "target", turn, np.asarray(self.position_mm))
+
+
+class RobotNoiseFacts(FileModel):
+    """How far off a reported pose of the flange may be: one sigma for each axis."""
+
+    position_mm: float = Field(gt=0)
+    angle_deg: float = Field(gt=0)
+
+
+class SessionFacts(FileModel):
+    """Everything about the cell that a calibration depends on beside its samples.
+
+    The four calibrations are the present ones, as the cell's files have them: measured,
+    or nominal values that may be wrong by some per cent, millimetres and degrees.
+
+    ``serials``: of every device that answered, by role. ``working_mm``: distance at
+    which errors are stated; None: where the lens is in focus. ``temperature_c``: None:
+    not known. ``date``: UTC, when the session began.
+    """
+
+    schema_: Literal["mvp-cell/calibration-session/1"] = Field(
+        default=FACTS_SCHEMA, alias="schema"
+    )
+    key: str
+    cell: str
+    simulated: bool
+    date: str
+    seed: int = 0
+    serials: dict[str, str]
+    arm_model: str
+    camera: CameraCalibration
+    lens_table: LensTableCalibration
+    hand_eye: RigidCalibration
+    part_pose: RigidCalibration
+    robot: RobotNoiseFacts
+    target: TargetFacts | None = None
+    blur_circle_mm: float = Field(gt=0)
+    wavelength_mm: float = Field(default=550e-6, gt=0)
+    tube_mm: float = Field(default=0.0, ge=0)
+    workspace_low_mm: tuple[float, float, float]
+    workspace_high_mm: tuple[float, float, float]
+    working_mm: float | None = Field(default=None, gt=0)
+    temperature_c: float | None = None
+
+    @property
+    def sensor(self) -> Sensor:
+        """Size and pitch of the pixels."""
+        found = self.camera
+        return Sensor(
+            found.width_px,
+            found.height_px,
+            found.pitch_x_um / 1000,
+            found.pitch_y_um / 1000,
+        )
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The camera as it is believed to be."""
+        found = self.camera
+        return Intrinsics(
+            self.sensor,
+            found.centre_x_px,
+            found.centre_y_px,
+            found.k1,
+            found.k2,
+            found.p1,
+            found.p2,
+            found.k3,
+        )
+
+    @property
+    def table(self) -> LensTable:
+        """The lens as it is believed to be, with the tube that is mounted."""
+        return LensTable.from_calibration(self.lens_table, tube_mm=self.tube_mm)
+
+    def lens_at(self, steps: dict[str, int]) -> LensSetting:
+        """f, d, a and e that the table tells for motor steps.
+
+        Raises:
+            InputError: outside of the table.
+        """
+        return self.table.setting(**steps)
+
+    @property
+    def base_from_part(self) -> Pose:
+        """Where the part is believed to lie."""
+        return Pose.from_matrix("base", "part", np.asarray(self.part_pose.matrix))
+
+    def tool_from_camera(self, d_mm: float) -> Pose:
+        """The hand-eye transform as it is believed to be, at a lens setting."""
+        found = self.hand_eye
+        return tool_from_camera_at(
+            Pose.from_matrix("tool", "camera", np.asarray(found.matrix)),
+            d_mm=d_mm,
+            reference_d_mm=found.reference_d_mm,
+        )
