@@ -40,9 +40,15 @@ class MvpCellError(Exception):
         message: what happened, naming the file, device or feature.
         hint: what the reader can do about it.
         where: file (with line), device or feature.
+
+    Attributes:
+        may_still_move: what an accepted command may still be moving, and until when.
+        stands: what was seen to stand after everything had been told to stop.
     """
 
     exit_code: ClassVar[int] = 1
+    may_still_move: str = ""
+    stands: str = ""
 
     def __init__(self, message: str, *, hint: str = "", where: str = "") -> None:
         super().__init__(message)
@@ -100,12 +106,19 @@ class InfeasibleError(MvpCellError):
 
 
 class DeviceError(MvpCellError):
-    """A device failed; ``device`` is its name in the cell."""
+    """A device failed.
+
+    Attributes:
+        device: its name in the cell.
+        detail: the message without that name.
+    """
 
     exit_code = 4
 
     def __init__(self, message: str, *, device: str, hint: str = "") -> None:
-        super().__init__(f"{device}: {message}", hint=hint, where=device)
+        # What is passed on from below has the name already.
+        self.detail = message.removeprefix(f"{device}: ")
+        super().__init__(f"{device}: {self.detail}", hint=hint, where=device)
         self.device = device
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 import numpy as np
 
 from mvp.cell.records import Captured, CaptureTimes, Reached, Verified
+from mvp.cell.standstill import until
 from mvp.errors import DeviceFault, MotionStopped
 
 if TYPE_CHECKING:
@@ -153,7 +154,7 @@ class CellEngine:
                 state.joints, target, speed_fraction=self._speed
             )
             timeout_s = 2 * expected_s + _ARM_SPARE_S
-            self._motion = f"the arm on its way to {view.id}, for {timeout_s:.0f} s"
+            self._motion = until(f"the arm on its way to {view.id}", timeout_s)
             _LOG.info(
                 "%s: towards %s, asked %s, should take %.2f s",
                 arm.name,
@@ -182,7 +183,7 @@ class CellEngine:
             DeviceError: refused, failed, stopped, or not where it was sent.
         """
         lens = self._devices.lens
-        self._motion = f"the lens, for up to {_LENS_TIMEOUT_S:.0f} s"
+        self._motion = until("the lens", 2 * _LENS_TIMEOUT_S)  # homing first
         if not lens.state().homed:
             _LOG.info("%s: homing", lens.name)
             lens.home(timeout_s=_LENS_TIMEOUT_S)
