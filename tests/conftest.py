@@ -1,7 +1,8 @@
-"""What every test shares: how inputs are drawn, and Debian's GigE Vision camera.
+"""What every test shares: how inputs are drawn, what is run again, a foreign camera.
 
 The default suite draws the same inputs each time, so that a run which passed here
-passes elsewhere; `make test-full` draws new ones.
+passes elsewhere; `make test-full` draws new ones. Tests in real time against processes
+and wires are run a second time when they fail; the summary names each of them.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import signal
 import socket
 import subprocess
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -34,6 +36,17 @@ settings.register_profile(
     "new-inputs", settings.get_profile("same-inputs"), derandomize=False
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same-inputs"))
+
+_IN_REAL_TIME = ("wire", "run", "conformance")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """A starved simulator is no defect; one that fails twice is."""
+    home = Path(__file__).parent
+    for item in items:
+        if item.path.relative_to(home).parts[0] in _IN_REAL_TIME:
+            item.add_marker(pytest.mark.flaky(reruns=1))
+
 
 _PROGRAM = "arv-fake-gv-camera-0.8"
 _HOST = "127.0.0.1"
