@@ -11,14 +11,14 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, ClassVar, Protocol, Self
 
 from drivers._lens import Deadline, Pace, not_homed, steps_of, warn_untried
-from mvp.devices import Link
+from mvp.devices import Link, link_resource, require_real_time
 from mvp.errors import DeviceError, LinkLost
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from drivers._lens import LensAxes, Steps
-    from mvp.devices import Axis, Clock, DeviceInfo, LensState, Role, Session
+    from mvp.devices import Axis, Clock, DeviceInfo, LensState, Role, Session, Side
 
 
 class LensController(Protocol):
@@ -80,6 +80,7 @@ class MotorLens:
     def __init__(
         self, name: str, clock: Clock, controller: Callable[[Pace], LensController]
     ) -> None:
+        require_real_time(clock, name)
         self.name = name
         self._clock = clock
         self._link = Link(
@@ -115,6 +116,15 @@ class MotorLens:
         """
         self._link.require_open()
         return self._controller.info()
+
+    def resource(self) -> str:
+        """The port that it is driven through."""
+        return link_resource(self._controller.session.address, device=self.name)
+
+    def approach(self) -> dict[Axis, Side]:
+        """Side from which every target of an axis is reached."""
+        ranges = self._controller.axes.ranges()
+        return {axis: range_.approach for axis, range_ in ranges.items()}
 
     def limits(self) -> dict[Axis, tuple[int, int]]:
         """Lowest and highest step of each axis."""

@@ -15,36 +15,42 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 
 from drivers._gantry.axes import GantryAxes
-from drivers._gantry.config import GantryConfig
+from drivers._gantry.config import USB_IDS, GantryConfig
 from drivers._gantry.grbl_wire import GrblWire
+from drivers._gantry.homing import (
+    homing_of,
+    homing_step,
+    require_clear,
+    require_marks,
+    way_to_marks,
+)
 from drivers._gantry.marlin_wire import MarlinWire
 from drivers._gantry.verdicts import (
     late,
     refuse_held,
     require_arrived,
-    require_marks,
     require_ready,
+    require_same,
 )
 from drivers._gantry.wire import Activity
 from mvp.devices import (
     ArmState,
     DeviceContext,
     DeviceInfo,
+    Homing,
     Link,
     RecoveryStep,
     Role,
+    link_resource,
+    require_real_time,
 )
-from mvp.errors import (
-    ConnectError,
-    DeviceError,
-    DeviceTimeout,
-    MotionStopped,
-)
+from mvp.errors import DeviceError, DeviceTimeout, MotionStopped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from drivers._gantry.wire import GantryWire, Identity, Report
+    from mvp.devices.protocols import ClearWay
     from mvp.geometry import FloatArray
 
 _LOG = logging.getLogger(__name__)
@@ -57,24 +63,13 @@ class GantryArm:
 
     role: ClassVar[Role] = "arm"
     Config = GantryConfig
-    usb_ids: ClassVar[dict[str, str]] = {
-        "0403:6001": "a motion controller behind an FTDI chip",
-        "0483:5740": "a motion controller with an STM32",
-        "10c4:ea60": "a motion controller behind a CP210x chip",
-        "16c0:0483": "a motion controller on a Teensy",
-        "1a86:55d4": "a motion controller behind a CH9102 chip",
-        "1a86:7523": "a motion controller behind a CH340 chip",
-        "1d50:6029": "a Marlin board",
-        "2341:0042": "a motion controller on an Arduino Mega",
-        "2341:0043": "a motion controller on an Arduino Uno",
-        "2e8a:000a": "a motion controller with an RP2040",
-        "303a:1001": "a motion controller with an ESP32",
-    }
+    usb_ids: ClassVar[dict[str, str]] = USB_IDS
 
     def __init__(self, config: GantryConfig, context: DeviceContext, name: str) -> None:
         self.name = name
         self._config = config
         self._clock = context.clock
+        require_real_time(context.clock, name)
         self._axes = GantryAxes(config, name)
         self._stopping = threading.Event()
         wire = MarlinWire if config.firmware == "marlin" else GrblWire
@@ -125,7 +120,6 @@ class GantryArm:
         """Identity and versions."""
         self._link.require_open()
         identity = self._identity
-        [a.letter for a in self._config.axes if a.declared]
         return DeviceInfo(
             self.name,
             "gantry",
@@ -138,6 +132,10 @@ class GantryArm:
                 "declared_axes": ", ".join(self._declared) or "none",
             },
         )
+
+    def resource(self) -> str:
+        """The port that it is driven through."""
+        return link_resource(self._config.port, device=self.name)
 
     @property
     def homed(self) -> bool:
@@ -175,19 +173,26 @@ class GantryArm:
         )
         return way + self._config.settle_s
 
-    def home(self, *, timeout_s: float) -> ArmState:
+    def homing(self) -> Homing:
+        """What ``home`` would move now, and which axes are only believed."""
+        self._link.require_open()
+        return homing_of(self._config.axes, self._wire.report())
+
+    def home(self, *, timeout_s: float, clear: ClearWay | None = None) -> ArmState:
         """Let the firmware find its switches; declared axes are believed. Moves.
 
         Raises:
-            DeviceFault: an alarm stands, or a switch was not found.
+            DeviceFault: an alarm stands, a switch was not found, or an axis without one
+                is away from its mark and nobody says that the way there is clear.
             DeviceTimeout, MotionStopped: see the protocol.
+            Whatever ``clear`` raises.
         """
         self._link.require_open()
         with self._wire.dumping(), self._acting():
             self._lose_home("homing")
             with self._stopped_cleanly():
                 self._wire.home(timeout_s=min(timeout_s, self._config.homing_s))
-                self._show_declared(timeout_s)
+            self._to_marks(timeout_s, clear)
             require_marks(self._wire.report(), self._config.axes, self.name)
             with self._lock:
                 self._homed = True
@@ -242,13 +247,7 @@ class GantryArm:
         for words, act in self._wire.reset_steps():
             yield RecoveryStep(words, acknowledge=True, act=act)
         if not self._homed:
-            yield RecoveryStep(
-                "It is not known where the axes are. Homing moves Z up and then X and "
-                "Y to their switches: nothing may be in the way. Axes that have no "
-                f"switch must stand at their marks: {', '.join(self._declared)}.",
-                acknowledge=True,
-                act=self._home_for_person,
-            )
+            yield homing_step(self.homing(), self._home_for_person)
 
     # ------------------------------------------------------------ inside
 
@@ -263,7 +262,8 @@ class GantryArm:
 
     def _connect(self) -> None:
         try:
-            self._identity = self._recognised(self._wire.open())
+            self._identity = self._wire.open()
+            require_same(self._identity, self._config.serial, self.name)
             report = self._wire.report()
         except BaseException:
             self._wire.close()
@@ -273,17 +273,6 @@ class GantryArm:
         with self._lock:
             self._homed = known
         _LOG.warning("%s: this driver was not tried on hardware yet", self.name)
-
-    def _recognised(self, identity: Identity) -> Identity:
-        """Another machine of the same make has other calibrations."""
-        wanted = self._config.serial
-        if wanted and identity.serial and wanted != identity.serial:
-            raise ConnectError(
-                f"this is the machine {identity.serial}, not {wanted}",
-                device=self.name,
-                hint="connect the other port, or correct serial in [arm]",
-            )
-        return identity
 
     def _disconnect(self) -> None:
         with suppress(DeviceError):
@@ -377,20 +366,21 @@ class GantryArm:
         require_arrived(report, self._axes.off(report.machine, target), self.name)
         return self._state_of(report)
 
-    def _show_declared(self, timeout_s: float) -> None:
+    def _to_marks(self, timeout_s: float, clear: ClearWay | None) -> None:
         """Drive what no switch measures to its marks: a person sees if it is there."""
-        here = self._wire.report().machine
-        marks = {a.letter: a.declared_at for a in self._config.axes if a.declared}
-        if all(here[letter] == mark for letter, mark in marks.items()):
+        way = way_to_marks(self._axes, self._config.axes, self._wire.report())
+        if way is None:
             return
-        start = np.array(self._axes.joints(here))
-        end = np.array(self._axes.joints({**here, **marks}))
-        self._wire.move(
-            self._axes.words(end, "".join(marks)),
-            feed_min=self._axes.feed_min(start, end, _MARK_SPEED),
-            timeout_s=timeout_s,
-        )
-        _LOG.warning("%s: are the axes %s at their marks?", self.name, ", ".join(marks))
+        require_clear(way, clear, self.name)
+        start, end = np.array(way[0]), np.array(way[1])
+        with self._stopped_cleanly():
+            self._wire.move(
+                self._axes.words(end, "".join(self._declared)),
+                feed_min=self._axes.feed_min(start, end, _MARK_SPEED),
+                timeout_s=timeout_s,
+            )
+        letters = ", ".join(self._declared)
+        _LOG.warning("%s: are the axes %s at their marks?", self.name, letters)
 
 
 def _share(speed_fraction: float) -> float:

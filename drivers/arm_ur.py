@@ -17,8 +17,16 @@ from drivers._ur.config import UrArmConfig
 from drivers._ur.motion import Motions
 from drivers._ur.recovery import recover
 from drivers._ur.session import Session
-from mvp.devices import ArmState, DeviceContext, DeviceInfo, Link, Role, ScaledClock
-from mvp.errors import ConfigError, DeviceError, LimitError
+from mvp.devices import (
+    ArmState,
+    DeviceContext,
+    DeviceInfo,
+    Link,
+    Role,
+    host_resource,
+    require_real_time,
+)
+from mvp.errors import DeviceError, LimitError
 from mvp.geometry import Pose
 from mvp.kinematics import arm_model
 
@@ -46,6 +54,7 @@ class UrArm:
         self, config: UrArmConfig, context: DeviceContext, name: str, session: Session
     ) -> None:
         clock = context.clock
+        require_real_time(clock, name)
         self.name = name
         self._config = config
         self._folder = context.folder
@@ -71,11 +80,6 @@ class UrArm:
         Raises:
             ConfigError: the cell's time is not real time.
         """
-        if isinstance(context.clock, ScaledClock):
-            raise ConfigError(
-                f"{name}: a robot on a wire runs in real time, the cell's clock does not",
-                hint="set clock_speed = 1 in [world]",
-            )
         return cls(config, context, name, Session(config, context.clock, name))
 
     def open(self) -> None:
@@ -112,6 +116,10 @@ class UrArm:
             simulated=False,
             extra={"host": self._config.host},
         )
+
+    def resource(self) -> str:
+        """The controller, by its address."""
+        return host_resource("ur", self._config.host)
 
     def state(self) -> ArmState:
         """Where the controller says it is now.

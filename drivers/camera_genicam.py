@@ -20,7 +20,15 @@ from drivers._genicam import (
 )
 from drivers._genicam.kernel import buffer_warning, rmem_max
 from drivers._genicam.pixels import frames_between, grey_picture
-from mvp.devices import CameraFound, DeviceContext, DeviceInfo, Finding, Frame, Role
+from mvp.devices import (
+    CameraFound,
+    DeviceContext,
+    DeviceInfo,
+    Finding,
+    Frame,
+    Role,
+    require_real_time,
+)
 from mvp.devices.link import Link
 from mvp.errors import (
     ConnectError,
@@ -93,6 +101,7 @@ class GenicamCamera:
         self.name = name
         self._new_backend = new_backend
         self._config = config
+        require_real_time(context.clock, name)
         self._clock = context.clock
         self._link = Link(
             name, context.clock, connect=self._connect, disconnect=self._disconnect

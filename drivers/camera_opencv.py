@@ -20,7 +20,7 @@ from drivers._opencv import (
     v4l2_devices,
 )
 from drivers._opencv.grey import as_grey
-from mvp.devices import DeviceContext, DeviceInfo, Frame, Role
+from mvp.devices import DeviceContext, DeviceInfo, Frame, Role, require_real_time
 from mvp.devices.cameras import CameraFound
 from mvp.devices.link import Link
 from mvp.errors import ConnectError, DeviceFault, DeviceTimeout, LinkLost, MotionStopped
@@ -90,6 +90,7 @@ class OpencvCamera:
     def __init__(
         self, config: OpencvCameraConfig, context: DeviceContext, name: str
     ) -> None:
+        require_real_time(context.clock, name)
         self.name = name
         self._config = config
         self._clock = context.clock

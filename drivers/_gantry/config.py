@@ -12,6 +12,19 @@ from mvp.fileedge import FileModel
 from mvp.kinematics import arm_model
 
 Firmware: TypeAlias = Literal["grbl", "grblhal", "fluidnc", "marlin"]
+USB_IDS = {
+    "0403:6001": "a motion controller behind an FTDI chip",
+    "0483:5740": "a motion controller with an STM32",
+    "10c4:ea60": "a motion controller behind a CP210x chip",
+    "16c0:0483": "a motion controller on a Teensy",
+    "1a86:55d4": "a motion controller behind a CH9102 chip",
+    "1a86:7523": "a motion controller behind a CH340 chip",
+    "1d50:6029": "a Marlin board",
+    "2341:0042": "a motion controller on an Arduino Mega",
+    "2341:0043": "a motion controller on an Arduino Uno",
+    "2e8a:000a": "a motion controller with an RP2040",
+    "303a:1001": "a motion controller with an ESP32",
+}
 
 
 class GantryAxis(FileModel):

@@ -5,13 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivers._gantry.wire import Activity
-from mvp.errors import DeviceFault, DeviceTimeout, LimitError
+from mvp.errors import ConnectError, DeviceFault, DeviceTimeout, LimitError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from drivers._gantry.config import GantryAxis
-    from drivers._gantry.wire import Report
+    from drivers._gantry.wire import Identity, Report
 
 
 def refuse_held(report: Report, name: str) -> None:
@@ -72,22 +69,18 @@ def require_arrived(report: Report, off: str, name: str) -> None:
         )
 
 
-def require_marks(report: Report, axes: Sequence[GantryAxis], name: str) -> None:
-    """Axes that nothing measures stand at their marks, as far as they are counted.
+def require_same(identity: Identity, wanted: str, name: str) -> None:
+    """Another machine of the same make has other calibrations.
 
     Raises:
-        DeviceFault: one does not.
+        ConnectError: it says that it is another one.
     """
-    for axis in axes:
-        at = report.machine[axis.letter]
-        if axis.declared and abs(at - axis.declared_at) > axis.tolerance:
-            raise DeviceFault(
-                f"axis {axis.letter} reads {at:g}, its mark is {axis.declared_at:g}",
-                device=name,
-                code="declared",
-                hint="put it to its mark by hand and switch the controller off and "
-                "on, so that it counts from there",
-            )
+    if wanted and identity.serial and wanted != identity.serial:
+        raise ConnectError(
+            f"this is the machine {identity.serial}, not {wanted}",
+            device=name,
+            hint="connect the other port, or correct serial in [arm]",
+        )
 
 
 def late(name: str, *, rests: bool) -> DeviceTimeout:

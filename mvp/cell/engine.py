@@ -15,13 +15,23 @@ import numpy as np
 
 from mvp.cell.records import Captured, CaptureTimes, Reached, Verified
 from mvp.cell.standstill import until
+from mvp.cell.stopping import stop_all
 from mvp.errors import DeviceFault, MotionStopped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
-    from mvp.devices import Arm, ArmState, Camera, Clock, Frame, Lens, LensState
+    from mvp.devices import (
+        Arm,
+        ArmState,
+        Camera,
+        Clock,
+        Device,
+        Frame,
+        Lens,
+        LensState,
+    )
     from mvp.geometry import FloatArray
     from mvp.planning.plan import PlannedView
 
@@ -29,6 +39,7 @@ _LOG = logging.getLogger(__name__)
 _ARM_SPARE_S = 15.0
 _LENS_TIMEOUT_S = 120.0
 _CAPTURE_SPARE_S = 10.0
+_STOP_S = 5.0
 
 ExposureSource: TypeAlias = Literal["task", "metered"]
 
@@ -84,16 +95,17 @@ class CellDevices:
     simulated_roles: frozenset[str] = frozenset()
     dumps: Path | None = None
 
+    @property
+    def by_role(self) -> dict[str, Device]:
+        """All three."""
+        return {"arm": self.arm, "lens": self.lens, "camera": self.camera}
+
     def stop(self) -> list[Exception]:
-        """Stop all three, from any thread; every path is tried. Returns what failed."""
-        failures: list[Exception] = []
-        for device in (self.arm, self.lens, self.camera):
-            try:
-                device.stop()
-            except Exception as error:
-                _LOG.error("%s: stop failed: %s", device.name, error)
-                failures.append(error)
-        return failures
+        """Stop all three at once, from any thread; returns what failed, within 5 s.
+
+        One that hangs keeps no other one waiting; it may still come to its end later.
+        """
+        return stop_all((self.arm, self.lens, self.camera), within_s=_STOP_S)
 
 
 class CellEngine:

@@ -2,7 +2,13 @@
 
 from mvp.devices.cameras import CameraFound
 from mvp.devices.command_slot import Accept, Ask, Take
-from mvp.devices.context import Clock, DeviceContext, RealClock, ScaledClock
+from mvp.devices.context import (
+    Clock,
+    DeviceContext,
+    RealClock,
+    ScaledClock,
+    require_real_time,
+)
 from mvp.devices.findings import (
     Finding,
     camera_search,
@@ -23,19 +29,25 @@ from mvp.devices.port_findings import port_findings
 from mvp.devices.ports import PortFound, list_ports
 from mvp.devices.protocols import (
     AXES,
+    Approaching,
     Arm,
     ArmState,
     Axis,
     Camera,
+    DeclaresAxes,
     Device,
     DeviceInfo,
+    Exclusive,
     Frame,
     Homable,
+    Homing,
     Lens,
     LensState,
     Recoverable,
     RecoveryStep,
     Role,
+    Side,
+    Thermometer,
 )
 from mvp.devices.recording import (
     RecordingTransport,
@@ -51,6 +63,7 @@ from mvp.devices.registry import (
     load_simulator,
     load_world,
 )
+from mvp.devices.resources import host_resource, link_resource
 from mvp.devices.serial_line import SerialTransport, TcpTransport
 from mvp.devices.session import Session
 from mvp.devices.simulator import Simulator, SimulatorClass
@@ -60,6 +73,7 @@ from mvp.devices.world import LampBelief, LightBelief, WorldBelief, WorldClass
 __all__ = [
     "AXES",
     "Accept",
+    "Approaching",
     "Arm",
     "ArmState",
     "Ask",
@@ -67,6 +81,7 @@ __all__ = [
     "Camera",
     "CameraFound",
     "Clock",
+    "DeclaresAxes",
     "DelimiterFramer",
     "Device",
     "DeviceContext",
@@ -74,10 +89,12 @@ __all__ = [
     "DriverClass",
     "DriverEntry",
     "EchoStripper",
+    "Exclusive",
     "Finding",
     "Frame",
     "Framer",
     "Homable",
+    "Homing",
     "LampBelief",
     "LengthFramer",
     "Lens",
@@ -95,10 +112,12 @@ __all__ = [
     "ScaledClock",
     "SerialTransport",
     "Session",
+    "Side",
     "Simulator",
     "SimulatorClass",
     "Take",
     "TcpTransport",
+    "Thermometer",
     "Traffic",
     "Transport",
     "TransportConfig",
@@ -107,7 +126,9 @@ __all__ = [
     "camera_search",
     "dumping_faults",
     "host_findings",
+    "host_resource",
     "libraries_of",
+    "link_resource",
     "list_drivers",
     "list_ports",
     "load_driver",
@@ -115,6 +136,7 @@ __all__ = [
     "load_world",
     "port_findings",
     "recorded_link",
+    "require_real_time",
     "text",
     "usb_ids_of",
 ]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from mvp.devices.transport import recorded_link
+from mvp.errors import ConfigError
 
 if TYPE_CHECKING:
     import threading
@@ -51,6 +52,11 @@ class ScaledClock:
         self._speed = speed
         self._origin = time.monotonic()
 
+    @property
+    def speed(self) -> float:
+        """How many of its seconds pass in one of the wall's."""
+        return self._speed
+
     def now_s(self) -> float:
         """Monotonic time of this clock, s."""
         return self._origin + (time.monotonic() - self._origin) * self._speed
@@ -58,6 +64,19 @@ class ScaledClock:
     def wait(self, event: threading.Event, seconds: float) -> bool:
         """Wait at most ``seconds`` of this clock; True when the event was set."""
         return event.wait(max(0.0, seconds) / self._speed)
+
+
+def require_real_time(clock: Clock, device: str) -> None:
+    """Refuse to drive a real far end by time that is not its own.
+
+    Raises:
+        ConfigError: deadlines, settling times and stamps would be wrong.
+    """
+    if isinstance(clock, ScaledClock) and clock.speed != 1:
+        raise ConfigError(
+            f"{device}: a device on a wire runs in real time, the cell's clock does not",
+            hint="set clock_speed = 1 in [world]",
+        )
 
 
 @dataclass(frozen=True, eq=False)

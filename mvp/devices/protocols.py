@@ -30,8 +30,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    ClearWay: TypeAlias = Callable[[tuple[float, ...], tuple[float, ...]], None]
+
 Role: TypeAlias = Literal["arm", "lens", "camera"]
 Axis: TypeAlias = Literal["zoom", "focus", "iris"]
+Side: TypeAlias = Literal["from_below", "from_above"]
 AXES: tuple[Axis, ...] = ("zoom", "focus", "iris")
 
 
@@ -191,6 +194,56 @@ class Homable(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Homing:
+    """What homing would do from where an arm is now.
+
+    Attributes:
+        words: what moves where, and what a person must have seen to.
+        away: axes that nothing measures and that are counted away from their marks:
+            homing drives them back.
+    """
+
+    words: str
+    away: tuple[str, ...] = ()
+
+
+@runtime_checkable
+class DeclaresAxes(Protocol):
+    """A ``Homable`` arm with axes that nothing measures: a person says where they are."""
+
+    def homing(self) -> Homing:
+        """What ``home`` would do now. Moves nothing.
+
+        Raises:
+            DeviceError: it cannot be asked.
+        """
+        ...
+
+    def home(self, *, timeout_s: float, clear: ClearWay | None = None) -> object:
+        """As ``Homable.home``; then drives those axes back to their marks.
+
+        Args:
+            timeout_s: of each motion.
+            clear: called with the joints before and after that last motion; raises
+                where something is in the way. None: nobody can say, and an arm that is
+                away from its marks is not driven there.
+        """
+        ...
+
+
+@runtime_checkable
+class Exclusive(Protocol):
+    """A device that one process of this machine may drive at a time."""
+
+    def resource(self) -> str:
+        """What it drives, by one name whatever the cell file calls it.
+
+        Such as ``ur:192.168.1.10`` or ``serial:/dev/ttyUSB0``; empty for no such thing.
+        """
+        ...
+
+
 @runtime_checkable
 class Lens(Device, Protocol):
     """A motorised lens. Speaks motor steps only; f, d, a exist above the lens table."""
@@ -220,6 +273,24 @@ class Lens(Device, Protocol):
             LimitError: out of range or not homed; nothing moved.
             DeviceTimeout, DeviceFault, MotionStopped: as for the arm.
         """
+        ...
+
+
+@runtime_checkable
+class Approaching(Protocol):
+    """A lens that says from which side it arrives; not every one does."""
+
+    def approach(self) -> dict[Axis, Side]:
+        """Side from which every target of an axis is reached."""
+        ...
+
+
+@runtime_checkable
+class Thermometer(Protocol):
+    """A device that knows how warm it is; not every one does."""
+
+    def temperature_c(self) -> float | None:
+        """Temperature now, deg C; None when it cannot tell."""
         ...
 
 
