@@ -297,7 +297,9 @@ class GantryArm:
         joints = self._axes.joints(report.machine)
         pose = self._axes.model.forward(np.array(joints)).matrix
         standing = report.activity in (Activity.STANDS, Activity.ALARM)
-        return ArmState(joints, pose, standing, self._clock.now_s())
+        locked = report.activity is Activity.ALARM
+        fault = f"the controller is locked ({report.state})" if locked else ""
+        return ArmState(joints, pose, standing, self._clock.now_s(), fault)
 
     def _ready(self) -> FloatArray:
         """Joints it starts from; refuses when it should not move at all."""
