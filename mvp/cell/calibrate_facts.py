@@ -1,0 +1,74 @@
+"""What a calibration session knows of its cell before the first picture."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+from mvp.devices import Thermometer
+from mvp.wizard import SessionFacts, TargetFacts
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from mvp.cell.cell_config import TargetConfig
+    from mvp.cell.engine import CellDevices
+    from mvp.cell.loading import LoadedCell
+    from mvp.devices import DeviceInfo
+
+_PRINT_SIGMA = 0.002  # office printers are off by about so much
+
+
+def facts_of(
+    cell: LoadedCell,
+    devices: CellDevices,
+    infos: Mapping[str, DeviceInfo],
+    *,
+    key: str,
+    seed: int,
+) -> SessionFacts:
+    """Everything that a session has to know, from the cell and who answered."""
+    config, found = cell.config, cell.calibrations
+    return SessionFacts(
+        key=key,
+        cell=config.name,
+        simulated=config.simulated,
+        date=datetime.now(UTC).date().isoformat(),
+        seed=seed,
+        serials={role: info.serial for role, info in infos.items()},
+        arm_model=config.kinematics.model,
+        camera=found.camera,
+        lens_table=found.lens_table,
+        hand_eye=found.hand_eye,
+        part_pose=found.part_pose,
+        robot={
+            "position_mm": config.uncertainty.robot_position_mm,
+            "angle_deg": config.uncertainty.robot_angle_deg,
+        },
+        target=target_facts(config.target),
+        blur_circle_mm=config.optics.blur_circle_um / 1000,
+        wavelength_mm=config.optics.wavelength_nm * 1e-6,
+        tube_mm=config.optics.mounted_tube_mm,
+        workspace_low_mm=config.workspace.low_mm,
+        workspace_high_mm=config.workspace.high_mm,
+        temperature_c=_temperature_c(cell, devices),
+    )
+
+
+def target_facts(config: TargetConfig | None) -> TargetFacts | None:
+    """The target of a cell; a size that nobody measured is as good as a printer."""
+    if config is None:
+        return None
+    given = config.model_dump()
+    if given["square_sigma_mm"] is None:
+        given["square_sigma_mm"] = _PRINT_SIGMA * config.square_mm
+    return TargetFacts.model_validate(given)
+
+
+def _temperature_c(cell: LoadedCell, devices: CellDevices) -> float | None:
+    """What the lens measures, else what the cell file says."""
+    if isinstance(devices.lens, Thermometer):
+        measured = devices.lens.temperature_c()
+        if measured is not None:
+            return measured
+    return cell.config.conditions.temperature_c
