@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.distance import pdist
 
 from mvp.geometry import edge_table
-from mvp.planning import Attempt, attempt, certify, recheck, solve
+from mvp.planning import Attempt, ToleranceBox, attempt, certify, recheck, solve
 from mvp.planning.candidates import inside, looking_at, orbit_positions
 from mvp.planning.rows import RowTable
 from mvp.planning.solve import searched
@@ -18,6 +18,7 @@ from mvp.testing.clutter_scene import ClutterBox, clutter_object, clutter_scene
 from mvp.testing.notch_scene import notch_scene
 from mvp.testing.planning_rivals import evolved, orbit_views
 from mvp.testing.planning_scenes import PlanningScene, race_scene
+from mvp.testing.tolerance_box import failures_on_surface, scaled_box
 from mvp.visibility import Region, exactly_visible
 
 # Holes with fewer sides than stated make the same region with fewer facets.
@@ -30,6 +31,7 @@ SCENES = {
 NEW = ["clutter", "notch"]
 FULL = ["round clutter", "notch"]
 # The best known indices on scenes of the same description are 13.34 and 13.24.
+UNIT = ToleranceBox(1.0, float(np.deg2rad(0.3)), 0.01)
 BEST_INDEX = {"clutter": 13.3, "notch": 13.2}
 
 
@@ -162,6 +164,16 @@ def test_a_reported_view_holds_by_formulas_that_the_search_does_not_use(name, de
     assert second.values["g4"] == pytest.approx(best.margins["visibility"].value)
     assert certify(problem, best.view).scale > 1
     assert best.failure_probability is not None
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", FULL)
+def test_no_sample_of_a_million_at_the_certified_tolerance_fails(name):
+    problem, view = scene(name).problem(), default_search(name).solutions[0].view
+    scale = certify(problem, view, box=UNIT).scale
+    assert scale > 1
+    box = scaled_box(UNIT, scale)
+    assert failures_on_surface(problem, view, box, 1_000_000) == 0
 
 
 def test_a_start_in_any_piece_of_the_region_stays_in_its_piece():

@@ -19,6 +19,11 @@ from mvp.testing.planning_scenes import (
     scene_lens,
     table_views,
 )
+from mvp.testing.tolerance_box import (
+    failures_on_surface,
+    scaled_box,
+    surface_errors,
+)
 
 UNIT = ToleranceBox(1.0, float(np.deg2rad(0.3)), 0.01)
 
@@ -36,28 +41,6 @@ def optimum(name: str, e_mm: float = 0.0):
     return problem, solve(problem, seed=0)[0].view
 
 
-def _surface(box: ToleranceBox, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Errors (count, 9) on the surface of a box, all at their limits at once."""
-    errors = np.zeros((count, 9))
-    for part, size in ((slice(0, 3), box.position_mm), (slice(3, 6), box.angle_rad)):
-        direction = rng.normal(size=(count, 3))
-        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        errors[:, part] = size * direction
-    ends = rng.choice([-1.0, 1.0], size=(count, 3))
-    errors[:, 6:] = ends * np.array([box.d_mm, box.f_mm, box.a_mm])
-    return errors
-
-
-def _scaled(box: ToleranceBox, k: float) -> ToleranceBox:
-    return ToleranceBox(
-        k * box.position_mm,
-        k * box.angle_rad,
-        k * box.d_mm,
-        k * box.f_mm,
-        k * box.a_mm,
-    )
-
-
 def _attacked(
     problem: PlanningProblem, view, box: ToleranceBox, rng: np.random.Generator
 ) -> bool:
@@ -71,7 +54,7 @@ def _attacked(
             if float(constraint.margin(view)[0]) < box.position_mm:
                 return True
             continue
-        errors = _surface(box, 48, rng)
+        errors = surface_errors(box, 48, rng)
         for step in range(60):
             views = perturbed(view, errors)
             rows = constraint.rows(views)
@@ -104,7 +87,7 @@ def _adversarial(problem, view, start: float) -> float:
     low, high = 0.8 * start, 1.6 * start
     for _ in range(9):
         middle = (low + high) / 2
-        broken = _attacked(problem, view, _scaled(UNIT, middle), rng)
+        broken = _attacked(problem, view, scaled_box(UNIT, middle), rng)
         low, high = (low, middle) if broken else (middle, high)
     return high
 
@@ -150,11 +133,6 @@ def test_where_resolution_binds_the_certificate_is_at_least_85_per_cent(name, e_
     assert found.scale >= 0.85 * rival
 
 
-def _failures(problem, view, box, draws: int) -> int:
-    rng = np.random.default_rng(11)
-    return int((~holds(problem, view, _surface(box, draws, rng))).sum())
-
-
 @pytest.mark.parametrize(
     ("name", "e_mm"), [("paper", 0.0), ("rect", 0.0), ("tight", 2.4)]
 )
@@ -164,7 +142,7 @@ def test_no_sample_of_a_certified_box_fails(name, e_mm):
     for box in (UNIT, full):
         scale = certify(problem, view, box=box).scale
         assert scale > 1
-        assert _failures(problem, view, _scaled(box, scale), 10_000) == 0
+        assert failures_on_surface(problem, view, scaled_box(box, scale), 10_000) == 0
 
 
 @pytest.mark.full
@@ -172,13 +150,15 @@ def test_no_sample_of_a_certified_box_fails(name, e_mm):
 def test_no_sample_of_a_million_fails(name):
     problem, view = optimum(name)
     scale = certify(problem, view, box=UNIT).scale
-    assert _failures(problem, view, _scaled(UNIT, scale), 1_000_000) == 0
+    assert failures_on_surface(problem, view, scaled_box(UNIT, scale), 1_000_000) == 0
 
 
 def test_samples_of_a_clearly_larger_box_do_fail():
     problem, view = race().problem(), table_views()["V_f1"]
     scale = certify(problem, view, box=UNIT).scale
-    assert _failures(problem, view, _scaled(UNIT, 1.05 * scale), 10_000) > 0
+    assert (
+        failures_on_surface(problem, view, scaled_box(UNIT, 1.05 * scale), 10_000) > 0
+    )
 
 
 def test_errors_of_focal_length_and_aperture_make_the_box_smaller():
@@ -193,8 +173,8 @@ def test_a_proven_box_contains_proven_boxes_and_a_refused_one_does_not():
     problem, view = race().problem(), table_views()["V_f"]
     scale = certify(problem, view, box=UNIT).scale
     for share in (0.1, 0.5, 0.9, 1.0):
-        assert proven(problem, view, _scaled(UNIT, share * scale))
-    assert not proven(problem, view, _scaled(UNIT, 1.01 * scale))
+        assert proven(problem, view, scaled_box(UNIT, share * scale))
+    assert not proven(problem, view, scaled_box(UNIT, 1.01 * scale))
 
 
 def test_a_view_that_is_not_admissible_has_no_tolerance():
