@@ -47,6 +47,7 @@ __all__ = [
     "camera_task",
     "candidate_views",
     "choose",
+    "first_of",
     "hand_eye_information",
     "hand_eye_task",
     "views_of",
@@ -163,6 +164,17 @@ def choose(
         return Choice(
             int(index), there, knowledge.error_mm, float(errors[index]), refused
         )
+    return NoView(refused)
+
+
+def first_of(count: int, place: Callable[[int], Place | Refused]) -> Place | NoView:
+    """The first of some candidates, in their order, that can be had."""
+    refused: Counter[str] = Counter()
+    for index in range(count):
+        there = place(index)
+        if not isinstance(there, Refused):
+            return there
+        refused[there.reason] += 1
     return NoView(refused)
 
 

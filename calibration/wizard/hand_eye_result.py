@@ -1,0 +1,197 @@
+"""From the samples of a hand-eye session to its result, verified on held-out views."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration.hand_eye import (
+    CameraPrior,
+    HandEyeData,
+    HandEyeLimits,
+    HandEyeResult,
+    RobotNoise,
+    calibrate_hand_eye,
+    hand_eye_calibration,
+)
+from calibration.poses import Poses, difference, only
+from calibration.verdict import Verdict
+from calibration.wizard.lookout import camera_at, target_of
+from calibration.wizard.provenance import provenance_of, validity_of
+from calibration.wizard.verification import Verification, verify_hand_eye
+from calibration.wizard.working import Setting, working_setting
+from mvp.calibrated import Quality
+from mvp.errors import CalibrationError
+from mvp.wizard import Outcome
+
+if TYPE_CHECKING:
+    from calibration.wizard.session_store import Sample, SessionStore
+    from mvp.wizard import SessionFacts
+
+KEY = "hand-eye"
+SIGMA_PX = 0.15
+_ROUNDING_PX = 0.01
+_LENS_SETTING = "lens_setting"
+
+
+def setting_of(store: SessionStore) -> Setting:
+    """The lens setting of the session; chosen once."""
+    known = store.recall(_LENS_SETTING)
+    if isinstance(known, list):
+        zoom, focus, iris = (int(str(step)) for step in known)
+        return Setting(zoom, focus, iris)
+    setting = working_setting(store.facts)
+    store.remember(_LENS_SETTING, [setting.zoom, setting.focus, setting.iris])
+    return setting
+
+
+def outcome_of(store: SessionStore) -> Outcome:
+    """The result of a session.
+
+    Raises:
+        CalibrationError: no usable view.
+    """
+    facts, samples = store.facts, store.usable()
+    if not samples:
+        raise CalibrationError(
+            "no picture shows the target well enough to calibrate hand-eye",
+            hint="check the light, and where [target] of the cell file says it lies",
+            where=str(store.path),
+        )
+    setting = setting_of(store)
+    data = _data(store, samples)
+    limits = HandEyeLimits(stand_off_mm=setting.stand_off_mm(facts))
+    result = calibrate_hand_eye(
+        data, camera_prior(facts, setting), robot_of(facts), limits
+    )
+    if result.solution is None:
+        return _nothing(result)
+    result = _with_scale(result, data, setting, facts, limits)
+    held = _held_out(store, result)
+    verdict = Verdict((*result.verdict.causes, *held.causes()))
+    result = replace(result, verdict=verdict)
+    return _told(store, setting, result, data, held)
+
+
+def camera_prior(facts: SessionFacts, setting: Setting) -> CameraPrior:
+    """Intrinsics at the setting, with what camera and lens calibration leave open."""
+    lens = facts.lens_at(setting.by_name)
+    camera = camera_at(facts, lens)
+    stated = facts.camera.standard_deviation
+    focal = facts.lens_table.d_standard_deviation_mm / lens.d_mm * camera.fx_px
+    focal = max(focal, 1e-4 * camera.fx_px)
+    names = ("fx_px", "fy_px", "cx_px", "cy_px", "k1")
+    both = np.array([camera.fx_px, camera.fy_px]) / camera.fx_px * focal
+    covariance = np.zeros((5, 5))
+    covariance[:2, :2] = np.outer(both, both) + _ROUNDING_PX**2 * np.eye(2)
+    rest = [
+        max(stated.get("centre_x_px", 0.0), 0.05),
+        max(stated.get("centre_y_px", 0.0), 0.05),
+        max(stated.get("k1", 0.0), 1e-4),
+    ]
+    covariance[2:, 2:] = np.diag(np.square(rest))
+    return CameraPrior(camera, names, covariance)
+
+
+def robot_of(facts: SessionFacts) -> RobotNoise:
+    """What the cell file says of the arm's poses."""
+    return RobotNoise(facts.robot.position_mm, float(np.radians(facts.robot.angle_deg)))
+
+
+def _data(store: SessionStore, samples: tuple[Sample, ...]) -> HandEyeData:
+    return HandEyeData(
+        Poses.of([sample.pose for sample in samples]),
+        store.observations(samples),
+        sigma_px=SIGMA_PX,
+        settled=tuple(sample.settled for sample in samples),
+    )
+
+
+def _with_scale(
+    result: HandEyeResult,
+    data: HandEyeData,
+    setting: Setting,
+    facts: SessionFacts,
+    limits: HandEyeLimits,
+) -> HandEyeResult:
+    """Add what an error of the target's size does: all views share it."""
+    solution, target = result.solution, target_of(facts)
+    if solution is None:
+        return result
+    relative = target.square_sigma_mm / target.square_mm
+    seen = data.seen
+    larger = replace(seen, points_target_mm=seen.points_target_mm * (1 + relative))
+    other = calibrate_hand_eye(
+        replace(data, seen=larger),
+        camera_prior(facts, setting),
+        robot_of(facts),
+        limits,
+    )
+    if other.solution is None:
+        return result
+    moved = difference(
+        only(other.solution.moving_from_camera), only(solution.moving_from_camera)
+    )[0]
+    covariance = solution.covariance + np.outer(moved, moved)
+    return replace(result, solution=replace(solution, covariance=covariance))
+
+
+def _held_out(store: SessionStore, result: HandEyeResult) -> Verification:
+    samples = store.usable("verification")
+    if result.solution is None or not samples:
+        return Verification("the target's place by robot and hand-eye", ())
+    return verify_hand_eye(result.solution, _data(store, samples))
+
+
+def _told(
+    store: SessionStore,
+    setting: Setting,
+    result: HandEyeResult,
+    data: HandEyeData,
+    held: Verification,
+) -> Outcome:
+    facts, solution = store.facts, result.solution
+    if solution is None:
+        return _nothing(result)
+    lens = facts.lens_at(setting.by_name)
+    stand_off = setting.stand_off_mm(facts)
+    document = hand_eye_calibration(
+        result,
+        data,
+        provenance=provenance_of(store, "arm", "views chosen by information"),
+        stand_off_mm=stand_off,
+        reference_d_mm=lens.d_mm,
+        reference_f_mm=lens.f_mm,
+        validity=validity_of(facts),
+    )
+    error = solution.error_mm(stand_off)
+    place, turn = solution.robot_sigmas[0], np.degrees(solution.robot_sigmas[1])
+    lines = (
+        f"a point at {stand_off:.0f} mm is known to {error:.2f} mm (one sigma), "
+        f"{1.96 * error:.2f} mm (95 %)",
+        f"the robot's poses agree to {place:.3f} mm and {turn:.4f} deg (one sigma on "
+        "each axis)",
+        held.words,
+    )
+    return Outcome(
+        KEY,
+        document,
+        document.quality,
+        lines,
+        {
+            "result": result,
+            "data": data,
+            "verification": held,
+            "stand_off_mm": stand_off,
+        },
+    )
+
+
+def _nothing(result: HandEyeResult) -> Outcome:
+    verdict = result.verdict
+    quality = Quality(
+        verdict="no-go", reasons=verdict.reasons, next_action=verdict.next_action
+    )
+    return Outcome(KEY, None, quality, tuple(verdict.reasons), {"result": result})
