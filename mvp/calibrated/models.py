@@ -228,6 +228,11 @@ class RigidCalibration(FileModel):
     ``reference_d_mm`` and ``reference_f_mm``: the lens setting a hand-eye result belongs
     to; the entrance pupil moves along the optical axis with d (towards the object as d
     grows), and ``mvp.cell`` applies that shift.
+
+    ``by_hand_eye``: of a part that was located through a hand-eye transform, the change
+    of the part's pose (6 x 6, same order) for an error of that transform;
+    ``hand_eye_sha256``: which one it was (``content_sha256``). The two errors partly
+    cancel when the same transform takes the camera to a view of the part.
     """
 
     schema_: Literal["mvp-cell/hand-eye/1", "mvp-cell/part-pose/1"] = Field(
@@ -241,4 +246,6 @@ class RigidCalibration(FileModel):
     covariance: list[list[float]] | None = None
     reference_d_mm: float | None = None
     reference_f_mm: float | None = None
+    by_hand_eye: list[list[float]] | None = None
+    hand_eye_sha256: str = ""
     validity: Validity = Validity()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.cell.view_uncertainty import kept_probability
 from mvp.planning.chance import failure_probability
 from mvp.planning.plan import LensSteps, Margin, NotCovered, PlannedView, Tolerance
 from mvp.planning.rows import RowTable
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from mvp.cell.realise_view import RealisedView
     from mvp.kinematics import ClearanceIndex
     from mvp.planning import KindMargin
+    from mvp.planning.plan import KeptProbability
     from mvp.planning.tolerance import Certificate
 
 _THIN_SIGMA = 3.0
@@ -69,6 +71,7 @@ class ViewWriter:
             binding=_binding(written),
             tolerance=_tolerance(certify(problem, view)),
             failure_probability=_chance(realised, number),
+            probability=self._probability(number, realised),
             sensitivity=sensitivity(problem, view),
             extension_tube_mm=realised.tube_mm or None,
             notes=self._notes(realised, written),
@@ -105,6 +108,16 @@ class ViewWriter:
                 row=_pair(nearest.body, nearest.other, index),
             ),
         }
+
+    def _probability(self, number: int, realised: RealisedView) -> KeptProbability:
+        index = realised.clearance_index
+        return kept_probability(
+            self.factory.cell,
+            realised.problem,
+            realised.view,
+            clearance_sigmas=None if index is None else index.sigmas,
+            number=number,
+        )
 
     def _notes(self, realised: RealisedView, written: dict[str, Margin]) -> list[str]:
         notes = [*realised.solution.notes, *realised.repairs]

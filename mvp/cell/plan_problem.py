@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.cell.values import bounds
+from mvp.cell.view_uncertainty import stated_uncertainty, view_errors
 from mvp.constraints import (
     FieldOfViewCircle,
     FieldOfViewRectangle,
@@ -16,7 +17,6 @@ from mvp.constraints import (
     FocusNear,
     LensRange,
     Resolution,
-    Uncertainty,
     Visibility,
     Workspace,
     enclosing_sphere,
@@ -72,18 +72,6 @@ def intrinsics_of(cell: LoadedCell) -> Intrinsics:
         camera.p1,
         camera.p2,
         camera.k3,
-    )
-
-
-def uncertainty_of(cell: LoadedCell) -> Uncertainty:
-    """The cell's stated errors."""
-    stated = cell.config.uncertainty
-    return Uncertainty(
-        position_mm=stated.position_mm,
-        angle_rad=float(np.radians(stated.angle_deg)),
-        d_mm=stated.d_mm,
-        f_mm=stated.f_mm,
-        a_mm=stated.a_mm,
     )
 
 
@@ -238,7 +226,8 @@ class ProblemFactory:
             lens=lens,
             workspace=self.search_box,
             roll_free=self.task.config.planning.field_of_view == "rectangle",
-            uncertainty=uncertainty_of(self.cell),
+            uncertainty=stated_uncertainty(self.cell),
+            errors=view_errors(self.cell),
             accept=self.accept,
             user_starts=self._user_starts(lens),
         )

@@ -155,7 +155,7 @@ def _taken(
                 asked.tube_mm,
                 choice,
                 path,
-                clearance_index=_clearance_index(arm, problem, choice),
+                clearance_index=_clearance_index(arm, problem, view, choice),
                 contrast=contrast.at(choice.part_from_camera) if contrast else None,
             )
         reason = reason or path.reason
@@ -190,18 +190,19 @@ def _recheck(
 
 
 def _clearance_index(
-    arm: ArmSetup, problem: PlanningProblem, choice: Realisation
+    arm: ArmSetup, problem: PlanningProblem, view: Views, choice: Realisation
 ) -> ClearanceIndex | None:
     base_from_part = arm.cell.calibrations.base_from_part
     pupil = base_from_part @ choice.part_from_camera
+    errors = problem.uncertainty_at(view)
     return clearance_index(
         arm.bodies,
         choice.joints,
         pupil_mm=pupil.translation_mm,
         part_mm=base_from_part.apply(arm.scene.scene.part.bounds.centre_mm),
         asked_mm=arm.clearance_mm,
-        position_mm=problem.uncertainty.position_mm,
-        angle_rad=problem.uncertainty.angle_rad,
+        position_mm=errors.position_mm,
+        angle_rad=errors.angle_rad,
     )
 
 

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from typing import TYPE_CHECKING
+
 from mvp.planning.chance import DRAWS
+
+if TYPE_CHECKING:
+    from mvp.planning.plan import ErrorSpread, KeptProbability
+
+_CERTAIN = 1e-9
 
 
 def chance_text(probability: float) -> str:
@@ -16,3 +24,31 @@ def error_text(key: str) -> str:
     """``position_1_mm`` in words: 1 mm of position."""
     name, _, amount = key.partition("_")
     return f"{amount.replace('_', ' ')} of {name}" if amount else name
+
+
+def probability_lines(found: KeptProbability) -> list[str]:
+    """In words: what is how probable, and which errors were reckoned with."""
+    all_of_it = f"all of this holds with a probability of {kept_text(found.together)}"
+    if 1 - found.together >= _CERTAIN:
+        weakest = found.weakest.replace("_", " ")
+        all_of_it += f"; {weakest} is the least sure"
+    return [
+        all_of_it,
+        f"95 % of the time the camera is off by less than {spread_text(found.spread)}",
+    ]
+
+
+def spread_text(spread: ErrorSpread) -> str:
+    """How far the camera may be off, and who says so."""
+    measured = ", ".join(spread.measured).replace("_", " ")
+    source = f"measured: {measured}" if measured else "stated in [uncertainty]"
+    return f"{spread.position_95_mm:.2g} mm, {spread.angle_95_deg:.2g} deg ({source})"
+
+
+def kept_text(probability: float) -> str:
+    """A probability in percent, with as many digits as what is missing to 1 needs."""
+    missing = 1 - probability
+    if missing < _CERTAIN:
+        return "100 %"
+    digits = max(0, -math.floor(math.log10(100 * missing)))
+    return f"{100 * probability:.{digits}f} %"

@@ -31,13 +31,26 @@ def print_plan(plan: Plan) -> None:
         lines.print(f"  {note}", markup=False)
     for view in plan.views:
         lines.print(_view_line(view), markup=False)
-        table = Table("requirement", "margin", "sigmas", "about", pad_edge=False)
+        table = Table(
+            "requirement", "margin", "sigmas", "holds", "about", pad_edge=False
+        )
         for kind, margin in view.margins.items():
             name = kind.replace("_", " ")
             mark = " <- binding" if kind == view.binding else ""
-            table.add_row(name + mark, _value(margin), _sigmas(margin), margin.row)
+            table.add_row(
+                name + mark,
+                _value(margin),
+                _sigmas(margin),
+                _kept(view, kind),
+                margin.row,
+            )
         lines.print(table)
-        for text in (_tolerance(view), *_contrast(view), *view.notes):
+        for text in (
+            _tolerance(view),
+            *_probability(view),
+            *_contrast(view),
+            *view.notes,
+        ):
             lines.print(f"  {text}", markup=False)
     for missing in plan.not_covered:
         lines.print(f"not covered: {missing.feature}", style="bold red", markup=False)
@@ -92,6 +105,22 @@ def _tolerance(view: PlannedView) -> str:
 
         text += f"; chance of failing {chance_text(view.failure_probability)}"
     return text
+
+
+def _probability(view: PlannedView) -> list[str]:
+    if view.probability is None:
+        return []
+    from mvp.cell.wording import probability_lines
+
+    return probability_lines(view.probability)
+
+
+def _kept(view: PlannedView, kind: str) -> str:
+    if view.probability is None or kind not in view.probability.each:
+        return ""
+    from mvp.cell.wording import kept_text
+
+    return kept_text(view.probability.each[kind])
 
 
 def _contrast(view: PlannedView) -> list[str]:

@@ -24,10 +24,14 @@ from mvp.constraints.lens_range import LensBound, LensRange
 from mvp.constraints.reach import Reach
 from mvp.constraints.resolution import Resolution
 from mvp.constraints.sigma import (
+    ErrorModel,
     Uncertainty,
+    correlated_deviation,
     margin_deviation,
     rows_index,
     sigma_index,
+    worst_deviation,
+    worst_spread,
 )
 from mvp.constraints.visibility import Visibility
 from mvp.constraints.workspace import Workspace
@@ -38,6 +42,7 @@ __all__ = [
     "TURN",
     "CameraClearance",
     "Constraint",
+    "ErrorModel",
     "FieldOfViewCircle",
     "FieldOfViewRectangle",
     "FocusFar",
@@ -53,11 +58,14 @@ __all__ = [
     "Uncertainty",
     "Visibility",
     "Workspace",
+    "correlated_deviation",
     "enclosing_sphere",
     "half_extents_mm",
     "margin_deviation",
     "margin_report",
     "rows_index",
     "sigma_index",
+    "worst_deviation",
     "worst_of",
+    "worst_spread",
 ]

@@ -1,9 +1,9 @@
-"""Margins in standard deviations: what the stated uncertainty of a cell does to a row."""
+"""Margins in standard deviations: what the errors of a cell do to a row."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from mvp.constraints.base import N_COORDINATES, SHIFT, TURN, A, D, F, Rows
 
 if TYPE_CHECKING:
     from mvp.geometry import FloatArray
+    from mvp.optics.views import Views
 
 INDEX_CAP = 1e6
 """Index of a row that no stated error can change."""
@@ -59,6 +60,50 @@ class Uncertainty:
             self.f_mm * factor,
             self.a_mm * factor,
         )
+
+
+class ErrorModel(Protocol):
+    """Errors that depend on the view and on each other."""
+
+    def covariance(self, views: Views) -> FloatArray:
+        """Of the error coordinates at every view, (N, 9, 9)."""
+        ...
+
+
+def worst_spread(covariance: FloatArray) -> Uncertainty:
+    """Independent errors as large as each kind is in its worst direction.
+
+    Args:
+        covariance: (9, 9) of the error coordinates.
+    """
+    worst = np.sqrt(np.diag(covariance).clip(min=0))
+    return Uncertainty(
+        position_mm=float(worst_deviation(covariance[SHIFT, SHIFT])),
+        angle_rad=float(worst_deviation(covariance[TURN, TURN])),
+        d_mm=float(worst[D]),
+        f_mm=float(worst[F]),
+        a_mm=float(worst[A]),
+    )
+
+
+def worst_deviation(covariance: FloatArray) -> FloatArray:
+    """Standard deviation (...) in the worst direction of covariances (..., 3, 3)."""
+    largest = np.linalg.eigvalsh(covariance)[..., -1]
+    return np.asarray(np.sqrt(largest.clip(min=0)))
+
+
+def correlated_deviation(gradient: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Standard deviation of rows under errors that depend on each other.
+
+    Args:
+        gradient: (N, R, 9).
+        covariance: (N, 9, 9) of the error coordinates.
+
+    Returns:
+        (N, R), in the unit of the row.
+    """
+    spread = gradient @ covariance
+    return np.asarray(np.sqrt((spread * gradient).sum(axis=-1).clip(min=0)))
 
 
 def margin_deviation(gradient: FloatArray, sigma: FloatArray) -> FloatArray:

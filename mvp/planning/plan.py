@@ -47,7 +47,7 @@ class Margin(FileModel):
     """Worst signed slack of one requirement at one view.
 
     ``value`` is in ``unit`` and None when ``unbounded``; ``normalised`` is in standard
-    deviations under the cell's stated uncertainty.
+    deviations under the cell's errors: as the calibrations know them, else as stated.
     """
 
     value: float | None
@@ -76,11 +76,44 @@ class Tolerance(FileModel):
     a_mm: float | None = None
 
 
+class ErrorSpread(FileModel):
+    """How far a view will be off, one standard deviation of each lens value.
+
+    ``position_mm`` and ``angle_deg``: root mean square of the camera's distance from,
+    and turn against, its plan as seen from the part; ``*_95``: exceeded once in twenty.
+    ``measured``: calibrations whose covariances say so; what they leave open, and all
+    of it when there are none, is the cell's stated uncertainty.
+    """
+
+    position_mm: float
+    position_95_mm: float
+    angle_deg: float
+    angle_95_deg: float
+    f_mm: float
+    d_mm: float
+    a_mm: float
+    measured: list[str] = Field(default_factory=list)
+
+
+class KeptProbability(FileModel):
+    """The probability that a view keeps its requirements, to first order in its errors.
+
+    ``each``: by requirement; what only hangs on commanded joints and motor steps is
+    certain. ``together``: of all at once. ``weakest``: the least probable one.
+    """
+
+    each: dict[str, float]
+    together: float
+    weakest: str
+    spread: ErrorSpread
+
+
 class PlannedView(FileModel):
     """One view: where the camera goes, how the lens is set, and how safe that is.
 
     ``contrast``: by feature, step over the brighter grey that the faintest of its lines
     is predicted to show; empty when the cell says nothing about its light.
+    ``failure_probability``: share of drawn errors that break a true margin.
     """
 
     id: str
@@ -101,6 +134,7 @@ class PlannedView(FileModel):
     binding: str
     tolerance: Tolerance
     failure_probability: float | None = None
+    probability: KeptProbability | None = None
     sensitivity: dict[str, float] = Field(default_factory=dict)
     extension_tube_mm: float | None = None
     contrast: dict[str, float] = Field(default_factory=dict)

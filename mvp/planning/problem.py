@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from mvp.constraints.sigma import Uncertainty
+from mvp.constraints.sigma import ErrorModel, Uncertainty, worst_spread
 from mvp.geometry import as_points
 from mvp.optics import Views
 
@@ -103,7 +103,8 @@ class PlanningProblem:
         workspace: part-frame box within which the pupil is searched; a narrower or
             turned workspace is a constraint of its own.
         roll_free: whether roll is planned (rectangular sensor).
-        uncertainty: the cell's errors, which scale every margin.
+        uncertainty: the cell's stated errors, which scale every margin.
+        errors: the same from what was measured, where that is known; used instead.
         accept: further filter of views (reach, clearance), (N,) bool.
         starts: how many distinct starts are searched from.
         candidates: how many views are tried to find them.
@@ -119,6 +120,7 @@ class PlanningProblem:
     workspace: Box
     roll_free: bool = False
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    errors: ErrorModel | None = None
     accept: Accept | None = None
     starts: int = DEFAULT_STARTS
     candidates: int = DEFAULT_CANDIDATES
@@ -140,6 +142,12 @@ class PlanningProblem:
         """Distance from the target to the workspace's farthest corner, mm."""
         reach = self.workspace.corners() - self.target_centre_mm
         return float(np.linalg.norm(reach, axis=1).max())
+
+    def uncertainty_at(self, view: Views) -> Uncertainty:
+        """Independent errors at one view (N = 1), each as in its worst direction."""
+        if self.errors is None:
+            return self.uncertainty
+        return worst_spread(self.errors.covariance(view)[0])
 
     def accepted(self, views: Views) -> BoolArray:
         """Which views pass the further filter, (N,)."""

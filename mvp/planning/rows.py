@@ -15,13 +15,18 @@ import numpy as np
 
 from mvp.constraints import Visibility
 from mvp.constraints.base import N_COORDINATES, SHIFT
-from mvp.constraints.sigma import margin_deviation
+from mvp.constraints.sigma import (
+    correlated_deviation,
+    margin_deviation,
+    worst_deviation,
+)
 from mvp.optics.views import concatenated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from mvp.constraints.base import Constraint, Kind
+    from mvp.constraints.sigma import ErrorModel
     from mvp.geometry import BoolArray, FloatArray
     from mvp.optics import Views
     from mvp.planning.chart import Chart
@@ -96,17 +101,25 @@ class RowTable:
         hard_kinds: kinds that must hold but have no index.
         fixed_scales: kinds that are measured against a fixed scale, in their own unit,
             instead of their standard deviation.
+        errors: used instead of ``sigma`` where given. Distances are then measured
+            against the worst direction of a shift, whichever way the facet lies.
     """
 
     constraints: tuple[Constraint, ...]
     sigma: FloatArray
     hard_kinds: frozenset[Kind]
     fixed_scales: Mapping[Kind, float] = field(default_factory=dict)
+    errors: ErrorModel | None = None
 
     @classmethod
     def of(cls, problem: PlanningProblem) -> RowTable:
         """The table of one problem."""
-        return cls(problem.constraints, problem.uncertainty.sigma, problem.hard_kinds)
+        return cls(
+            problem.constraints,
+            problem.uncertainty.sigma,
+            problem.hard_kinds,
+            errors=problem.errors,
+        )
 
     @cached_property
     def kinds(self) -> tuple[Kind, ...]:
@@ -169,11 +182,30 @@ class RowTable:
             return Evaluated(empty, np.zeros((*empty.shape, N_COORDINATES)), empty)
         value = np.concatenate(values, axis=1)
         gradient = np.concatenate(gradients, axis=1)
-        scale = margin_deviation(gradient, self.sigma)
+        scale = self._deviation(views, gradient)
         scale[:, self.hard] = 1.0
         for kind, fixed in self.fixed_scales.items():
             scale[:, self.mask(kind)] = fixed
         return Evaluated(value, gradient, scale)
+
+    def _deviation(self, views: Views, gradient: FloatArray) -> FloatArray:
+        """Standard deviation (N, R) of rows with gradients (N, R, 9)."""
+        if self.errors is None:
+            return margin_deviation(gradient, self.sigma)
+        covariance = self.errors.covariance(views)
+        scale = correlated_deviation(gradient, covariance)
+        if not self.curved.all():
+            shift = worst_deviation(covariance[:, SHIFT, SHIFT])[:, None]
+            slope = np.linalg.norm(gradient[:, ~self.curved, SHIFT], axis=-1)
+            scale[:, ~self.curved] = shift * slope
+        return scale
+
+    def _shift_deviation(self, views: Views) -> FloatArray:
+        """Of a shift in its worst direction, (N, 1) or (1, 1)."""
+        if self.errors is None:
+            return np.array([[self.sigma[SHIFT].max()]])
+        covariance = self.errors.covariance(views)
+        return worst_deviation(covariance[:, SHIFT, SHIFT])[:, None]
 
     def index(self, views: Views) -> FloatArray:
         """Indices (N, R); all rows of a visibility constraint have its smallest one.
@@ -204,7 +236,7 @@ class RowTable:
         constraint = self.constraints[0]
         if isinstance(constraint, Visibility):
             fixed = self.fixed_scales.get(constraint.kind)
-            scale = fixed or float(self.sigma[SHIFT].max())
+            scale = fixed or self._shift_deviation(views)
             ratio = constraint.margin(views)[:, None] / scale
             return np.asarray(np.clip(ratio, -_INDEX_LIMIT, _INDEX_LIMIT))
         return self.evaluate(views).index

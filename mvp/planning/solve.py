@@ -277,15 +277,15 @@ def _safer(
 ) -> Solution:
     """The one that fails less, with errors enlarged until failures can be counted."""
     factor = max(1.0, first.t / _COMPARED_AT_SIGMA)
-    enlarged = problem.uncertainty.scaled(factor)
 
-    def chance(solution: Solution, at: int) -> float:
+    def chance(solution: Solution, enlarged: float) -> float:
         rng = np.random.default_rng([seed, 1])
-        sigma = enlarged if at else problem.uncertainty
-        return failure_probability(problem, solution.view, rng, uncertainty=sigma)
+        return failure_probability(problem, solution.view, rng, enlarged=enlarged)
 
     chosen = first
-    if second.t >= (_KEEP - 1e-3) * first.t and chance(second, 1) < chance(first, 1):
+    if second.t >= (_KEEP - 1e-3) * first.t and chance(second, factor) < chance(
+        first, factor
+    ):
         chosen = second
-    probability = chance(chosen, 0)
+    probability = chance(chosen, 1.0)
     return replace(chosen, failure_probability=probability)

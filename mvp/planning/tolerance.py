@@ -113,10 +113,10 @@ def certify(
     Args:
         problem: whose constraints must hold.
         view: the nominal view.
-        box: proportions; by default one standard deviation of the stated uncertainty.
+        box: proportions; by default one standard deviation of the errors at the view.
         mesh_precision_mm: taken off the distance to the visibility region's boundary.
     """
-    box = box or ToleranceBox.of(problem.uncertainty)
+    box = box or ToleranceBox.of(problem.uncertainty_at(view))
     distances = _distances(problem, view, mesh_precision_mm)
 
     def margins(scale: FloatArray) -> dict[Kind, FloatArray]:
