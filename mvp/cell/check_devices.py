@@ -9,26 +9,28 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.cell.calibrated_devices import device_objections
+from mvp.cell.calibration_items import CALIBRATED_DEVICES, objection_item
 from mvp.cell.check_items import (
     CheckedDevice,
     CheckedFrame,
     CheckItem,
-    attempt,
     doubtful,
     failed,
     failure,
     good,
 )
-from mvp.cell.hardware import check_serials, close_all, info_of
+from mvp.cell.hardware import close_all, info_of
 from mvp.cell.homing import is_homed
 from mvp.devices import AXES, Homable
+from mvp.errors import MvpCellError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from mvp.cell.engine import CellDevices
     from mvp.cell.plan_job import Setting
-    from mvp.devices import Device, DeviceInfo, Frame, Role
+    from mvp.devices import Arm, ArmState, Device, DeviceInfo, Frame, Role
 
 _STALE_S = 1.0
 _EXPOSURE_S = 0.01
@@ -60,14 +62,14 @@ def check_devices(
         with ThreadPoolExecutor(len(_ROLES)) as pool:
             asked = [pool.submit(_ask, setting, devices, role) for role in _ROLES]
             answers = dict(zip(_ROLES, (one.result() for one in asked), strict=True))
+        infos: dict[str, DeviceInfo] = {
+            role: one.info for role, one in answers.items() if one.info is not None
+        }
+        calibrated = _calibrated(setting, devices, infos)
     finally:
         unclosed = close_all(everyone)
     items = [item for role in _ROLES for item in answers[role].items]
-    infos: dict[str, DeviceInfo] = {
-        role: one.info for role, one in answers.items() if one.info is not None
-    }
-    if infos:
-        items.append(attempt("calibrated devices", lambda: _serials(setting, infos)))
+    items += calibrated
     items += [failure(role, error) for role, error in unclosed.items()]
     return items, [_checked(r, answers[r]) for r in _ROLES if r in infos]
 
@@ -116,9 +118,20 @@ def _checked(role: Role, answers: Answers) -> CheckedDevice:
     )
 
 
-def _serials(setting: Setting, infos: Mapping[str, DeviceInfo]) -> str:
-    check_serials(setting.cell, infos)
-    return "calibrations belong to these devices"
+def _calibrated(
+    setting: Setting, devices: CellDevices, infos: Mapping[str, DeviceInfo]
+) -> list[CheckItem]:
+    """Whether the calibrations are for these devices, as they are now."""
+    if not infos:
+        return []
+    try:
+        objections = device_objections(setting.cell, devices, infos)
+    except Exception as error:
+        return [failure(CALIBRATED_DEVICES, error)]
+    reason = setting.cell.accept_calibration
+    items = [objection_item(CALIBRATED_DEVICES, one, reason) for one in objections]
+    said = "calibrations belong to these devices, as they are now"
+    return items or [good(CALIBRATED_DEVICES, said)]
 
 
 def _arm(setting: Setting, devices: CellDevices, answers: Answers) -> None:
@@ -133,21 +146,44 @@ def _arm(setting: Setting, devices: CellDevices, answers: Answers) -> None:
         "homed": is_homed(arm) if isinstance(arm, Homable) else None,
     }
     answers.items.append(_fresh(answer_ms, age_s))
-    if not is_homed(arm):
+    answers.items.append(_movable(state))
+    if is_homed(arm):
+        answers.items.append(_place(setting, arm, state))
+    elif not state.fault:
         answers.items.append(
             doubtful(
-                "arm state",
+                "arm place",
                 "not homed: it does not know where it is",
                 "`mvp-cell home CELL` homes it; a run does so before the first view",
             )
         )
-        return
-    arm.check_joints(state.joints)
-    units = setting.cell.arm.joint_units
-    named = zip(state.joints, units, strict=False)
+
+
+def _movable(state: ArmState) -> CheckItem:
+    """Whether anything holds the arm against motion as it is."""
+    if state.fault:
+        return failed(
+            "arm state",
+            f"cannot move as it is: {state.fault}",
+            "look what it touched; `mvp-cell recover CELL` walks the way back. A gantry "
+            "that was only switched on is locked, too: `mvp-cell home CELL`",
+        )
+    if not state.standing:
+        return doubtful(
+            "arm state", "moves, and no command of ours is under way", "who drives it?"
+        )
+    return good("arm state", "stands, and nothing holds it")
+
+
+def _place(setting: Setting, arm: Arm, state: ArmState) -> CheckItem:
+    """Where it stands; outside of its limits a run would not begin."""
+    try:
+        arm.check_joints(state.joints)
+    except MvpCellError as error:
+        return failure("arm place", error)
+    named = zip(state.joints, setting.cell.arm.joint_units, strict=False)
     joints = ", ".join(f"{value:.3f} {unit}" for value, unit in named)
-    stands = "stands" if state.standing else "moves"
-    answers.items.append(good("arm state", f"{stands} at {joints}"))
+    return good("arm place", joints)
 
 
 def _fresh(answer_ms: float, age_s: float) -> CheckItem:

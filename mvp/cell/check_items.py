@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
-from mvp.errors import MvpCellError
+from mvp.errors import DeviceError, MvpCellError
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
@@ -94,8 +94,10 @@ def failed(name: str, detail: str, hint: str) -> CheckItem:
 
 def failure(name: str, error: Exception) -> CheckItem:
     """An error as an item; one that is not ours is a mistake in a driver."""
+    if isinstance(error, DeviceError):
+        return failed(name, error.detail, error.hint)
     if isinstance(error, MvpCellError):
-        return failed(name, str(error), error.hint)
+        return failed(name, error.message, error.hint)
     return failed(
         name, f"{type(error).__name__}: {error}", "a mistake in the driver; report it"
     )

@@ -13,7 +13,8 @@ class ErrorDocument(FileModel):
     """The one document on stdout when a command with ``--json`` fails.
 
     ``code`` is the exit code, ``kind`` the name of the error, ``where`` the file (with
-    line), device or feature, ``folder`` the run folder when one was begun.
+    line), device or feature, ``folder`` the run folder when one was begun. ``stands`` was
+    seen to stand after everything had been told to stop; ``may_still_move`` was not.
     """
 
     schema_: Literal["mvp-cell/error/1"] = Field(
@@ -26,6 +27,7 @@ class ErrorDocument(FileModel):
     hint: str
     folder: str | None = None
     may_still_move: str | None = None
+    stands: str | None = None
 
 
 class DriverItem(FileModel):

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
 
+from mvp.cell.calibration_gates import of_serials, require_accepted
+from mvp.cell.device_locks import devices_held
 from mvp.cell.engine import CellDevices
 from mvp.cell.interrupts import uninterrupted
 from mvp.cell.own_keys import naming_place, own_keys
@@ -26,7 +28,7 @@ from mvp.devices import (
     ScaledClock,
     load_driver,
 )
-from mvp.errors import CalibrationError, ConnectError, DeviceError
+from mvp.errors import ConnectError, DeviceError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -40,12 +42,6 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _MOVING = ("arm", "lens")
-_CALIBRATED_ON = {
-    "camera": "camera",
-    "lens_table": "lens",
-    "hand_eye": "arm",
-    "part_pose": "arm",
-}
 
 
 def build_devices(
@@ -149,13 +145,15 @@ def opened(devices: CellDevices) -> Iterator[dict[str, DeviceInfo]]:
     """Open all devices at once and close them in any case; yields who answered.
 
     Raises:
-        ConnectError: somebody does not answer; every dead device is named.
+        ConnectError: somebody does not answer; every dead device is named. Or another
+            process of this machine drives one of them.
     """
-    everyone: dict[str, Device] = {
-        "arm": devices.arm,
-        "lens": devices.lens,
-        "camera": devices.camera,
-    }
+    with devices_held(devices.by_role):
+        yield from _opened(devices)
+
+
+def _opened(devices: CellDevices) -> Iterator[dict[str, DeviceInfo]]:
+    everyone = devices.by_role
     try:
         failures = try_open(everyone)
         if failures:
@@ -205,13 +203,19 @@ def close_all(devices: Mapping[str, Device]) -> dict[str, Exception]:
 
 
 def _connect_error(failures: dict[str, Exception]) -> DeviceError:
-    texts = [str(error) for error in failures.values()]
+    if len(failures) == 1:
+        ((role, error),) = failures.items()
+        text = error.detail if isinstance(error, DeviceError) else str(error)
+    else:
+        role = ", ".join(failures)
+        told = "; ".join(str(error) for error in failures.values())
+        text = f"{len(failures)} devices cannot be used: {told}"
     hints = [
         error.hint for error in failures.values() if isinstance(error, DeviceError)
     ]
     return ConnectError(
-        "; ".join(texts),
-        device=", ".join(failures),
+        text,
+        device=role,
         hint=" ".join(dict.fromkeys(h for h in hints if h))
         or "`mvp-cell check CELL` shows every device",
     )
@@ -241,22 +245,10 @@ def check_serials(cell: LoadedCell, infos: Mapping[str, DeviceInfo]) -> None:
     """Refuse calibrations that belong to other devices than those that answered.
 
     Raises:
-        CalibrationError: serial numbers differ; every such file is named.
+        CalibrationError: serial numbers differ, and it was not accepted; every such
+            file is named.
     """
     found = cell.calibrations
-    wrong = []
-    for name, role in _CALIBRATED_ON.items():
-        expected = getattr(found, name).provenance.device_serial
-        serial = infos[role].serial if role in infos else ""
-        if expected and serial and serial != expected and name not in found.accepted:
-            wrong.append(
-                f"{found.files[name]}: this {name} calibration was made with {role} "
-                f"{expected}, but {role} {serial} is connected"
-            )
-    if wrong:
-        raise CalibrationError(
-            "; ".join(wrong),
-            hint="connect that device, or name the calibration of this one in "
-            "[calibration] of the cell file",
-            where=wrong[0].partition(": ")[0],
-        )
+    serials = {role: info.serial for role, info in infos.items()}
+    wrong = of_serials(found, serials)
+    require_accepted((one for one in wrong if one.name not in found.accepted), "")

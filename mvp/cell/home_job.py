@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -10,11 +11,12 @@ from pydantic import Field
 
 from mvp.cell.beside import call_beside
 from mvp.cell.hardware import check_simulated, opened
-from mvp.cell.homing import home_arm, is_homed
-from mvp.cell.lock import cell_lock
+from mvp.cell.homing import HOMING_S, home_arm, homing_of, is_homed
+from mvp.cell.in_use import using_devices
 from mvp.cell.plan_job import Setting, prepare
-from mvp.cell.run_job import lock_of
+from mvp.cell.progress import Tell, unheard
 from mvp.cell.session import Motion, devices_for, start_speed
+from mvp.cell.standstill import UnderWay, stopped_on_error
 from mvp.errors import InfeasibleError, StoppedByOperator
 from mvp.fileedge import FileModel
 from mvp.kinematics import NoPath, find_path
@@ -42,7 +44,10 @@ class HomeDocument(FileModel):
 
 
 def home_cell(
-    cell: LoadedCell, task: LoadedTask, allow: Callable[[Motion], bool]
+    cell: LoadedCell,
+    task: LoadedTask,
+    allow: Callable[[Motion], bool],
+    tell: Tell = unheard,
 ) -> HomeDocument:
     """Move both home; on Ctrl-C both are stopped.
 
@@ -51,41 +56,71 @@ def home_cell(
 
     Raises:
         ConfigError: the cell says that it is simulated, and is not.
-        DeviceError: a device failed.
+        DeviceError: a device failed; it says what stands and what may still be moving.
         InfeasibleError: no clear path home.
-        StoppedByOperator: a person did not allow it.
+        RecordError: another command uses the devices.
+        StoppedByOperator: a person did not allow it, or stopped it.
     """
-    setting = prepare(cell, task)
     with ExitStack() as stack:
-        if not cell.config.simulated:
-            lock = lock_of(setting, cell.folder)
-            stack.enter_context(cell_lock(lock, run_id="home"))
-        devices = stack.enter_context(devices_for(setting))
+        stack.enter_context(using_devices(cell, who="home"))
+        tell(f"loading {task.part_file.name}")
+        setting = prepare(cell, task)
+        devices = stack.enter_context(devices_for(setting, tell))
+        tell("connecting to arm, lens and camera")
         infos = stack.enter_context(opened(devices))
         check_simulated(cell, infos)
-        homes = not is_homed(devices.arm)
-        if not homes:
+        homing = homing_of(devices.arm)
+        if homing is None:
+            tell("looking for a clear way home")
             _path_home(setting, devices)
-        if not allow(Motion(cell.config.name, 1, infos, homes=homes)):
+        motion = Motion(cell.config.name, 1, infos, homing, errand="move home")
+        if not allow(motion):
             raise StoppedByOperator("the operator did not allow the arm to move")
-        share = start_speed(setting, devices, infos)
-        try:
-            arm, lens = call_beside(
-                lambda: _go_home(setting, devices, share), devices.stop
-            )
-        except BaseException:
-            devices.stop()
-            raise
+        going = _Going(setting, devices, start_speed(setting, devices, infos), tell)
+        with stopped_on_error(devices, going.under_way, tell):
+            arm, lens = call_beside(going.home, devices.stop)
     return _document(cell, arm, lens)
 
 
-def _go_home(
-    setting: Setting, devices: CellDevices, share: float
-) -> tuple[ArmState, LensState]:
+@dataclass(eq=False)
+class _Going:
     """References, lens, arm; the path is looked for from where the arm stands then."""
-    home_arm(devices)
-    lens = devices.lens.home(timeout_s=_LENS_TIMEOUT_S)
-    return _move(devices, _path_home(setting, devices), share), lens
+
+    setting: Setting
+    devices: CellDevices
+    share: float
+    tell: Tell
+    under_way: UnderWay = field(default_factory=UnderWay)
+
+    def home(self) -> tuple[ArmState, LensState]:
+        """All of it; returns where both stand."""
+        arm, lens = self.devices.arm, self.devices.lens
+        if not is_homed(arm):
+            self.tell("homing the arm")
+        with self.under_way.moving("the arm, homing", HOMING_S):
+            bodies, clearance_mm = (
+                self.setting.arm.bodies,
+                self.setting.arm.clearance_mm,
+            )
+            home_arm(self.devices, bodies, clearance_mm)
+        self.tell("homing the lens")
+        with self.under_way.moving("the lens, homing", _LENS_TIMEOUT_S):
+            reached = lens.home(timeout_s=_LENS_TIMEOUT_S)
+        path = _path_home(self.setting, self.devices)
+        self.tell("moving the arm home")
+        return self._move(path), reached
+
+    def _move(self, path: FloatArray) -> ArmState:
+        arm, share = self.devices.arm, self.share
+        state = arm.state()
+        for target in path.tolist():
+            expected_s = arm.duration_s(state.joints, target, speed_fraction=share)
+            timeout_s = 2 * expected_s + _ARM_SPARE_S
+            with self.under_way.moving("the arm on its way home", timeout_s):
+                state = arm.move_joints(
+                    target, speed_fraction=share, timeout_s=timeout_s
+                )
+        return state
 
 
 def _path_home(setting: Setting, devices: CellDevices) -> FloatArray:
@@ -101,16 +136,6 @@ def _path_home(setting: Setting, devices: CellDevices) -> FloatArray:
             where="arm",
         )
     return np.asarray(path.waypoints[1:])
-
-
-def _move(devices: CellDevices, path: FloatArray, share: float) -> ArmState:
-    arm = devices.arm
-    state = arm.state()
-    for target in path.tolist():
-        expected_s = arm.duration_s(state.joints, target, speed_fraction=share)
-        timeout_s = 2 * expected_s + _ARM_SPARE_S
-        state = arm.move_joints(target, speed_fraction=share, timeout_s=timeout_s)
-    return state
 
 
 def _document(cell: LoadedCell, arm: ArmState, lens: LensState) -> HomeDocument:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
 
-from mvp.cell.homing import home_arm, is_homed
+from mvp.cell.homing import HOMING_S, home_arm, homing_of, is_homed
 from mvp.cell.jog_words import (
     HELP,
     Expose,
@@ -22,6 +22,7 @@ from mvp.cell.jog_words import (
     Steps,
     UseFrame,
 )
+from mvp.cell.standstill import UnderWay
 from mvp.errors import InfeasibleError, LimitError, UsageError
 from mvp.fileedge import FileModel
 from mvp.geometry import Pose
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
     from mvp.cell.engine import CellDevices
     from mvp.cell.plan_job import Setting
-    from mvp.devices import Frame
+    from mvp.devices import Frame, Homing
     from mvp.geometry import FloatArray
     from mvp.optics import LensSetting
 
@@ -75,6 +76,8 @@ class Jogger:
         speed: share of full speed.
         frame: whose axes a shift is in.
         exposure_s: of the next picture.
+        homing_told: what a person knows that homing would do.
+        under_way: what is being moved.
     """
 
     setting: Setting
@@ -84,6 +87,8 @@ class Jogger:
     speed: float
     frame: FrameName = "base"
     exposure_s: float = 0.01
+    homing_told: Homing | None = None
+    under_way: UnderWay = field(default_factory=UnderWay)
 
     def do(self, command: JogCommand) -> str:
         """Carry out one command; says what was reached.
@@ -197,11 +202,11 @@ class Jogger:
         expected_s = arm.duration_s(
             here.tolist(), target.tolist(), speed_fraction=self.speed
         )
-        reached = arm.move_joints(
-            target.tolist(),
-            speed_fraction=self.speed,
-            timeout_s=2 * expected_s + _ARM_SPARE_S,
-        )
+        timeout_s = 2 * expected_s + _ARM_SPARE_S
+        with self.under_way.moving("the arm", timeout_s):
+            reached = arm.move_joints(
+                target.tolist(), speed_fraction=self.speed, timeout_s=timeout_s
+            )
         return _joints_text(reached.joints, cell.arm.joint_units)
 
     def _check_margin(self, here: FloatArray, target: FloatArray) -> None:
@@ -279,8 +284,8 @@ class Jogger:
         return state.steps()
 
     def _set(self, target: dict[str, int]) -> str:
-        lens = self.devices.lens
-        state = lens.move_steps(**target, timeout_s=_LENS_S)
+        with self.under_way.moving("the lens", _LENS_S):
+            state = self.devices.lens.move_steps(**target, timeout_s=_LENS_S)
         return self._lens_text(state.steps())
 
     def _lens_text(self, steps: dict[str, int]) -> str:
@@ -338,9 +343,7 @@ class Jogger:
             case "where":
                 return self._where()
             case "home":
-                home_arm(self.devices)
-                state = self.devices.lens.home(timeout_s=_LENS_S)
-                return self._lens_text(state.steps())
+                return self._home()
             case "see":
                 frame = self._capture()
                 self.show(frame)
@@ -349,6 +352,20 @@ class Jogger:
                 return HELP
             case "quit":
                 return ""
+
+    def _home(self) -> str:
+        """References, and back to the marks where that way is clear."""
+        homing = homing_of(self.devices.arm)
+        simulated = "arm" in self.devices.simulated_roles
+        if homing is not None and homing != self.homing_told and not simulated:
+            self.homing_told = homing
+            raise UsageError(homing.words, hint="say home again where that is so")
+        arm = self.setting.arm
+        with self.under_way.moving("the arm, homing", HOMING_S):
+            home_arm(self.devices, arm.bodies, arm.clearance_mm)
+        with self.under_way.moving("the lens, homing", _LENS_S):
+            state = self.devices.lens.home(timeout_s=_LENS_S)
+        return self._lens_text(state.steps())
 
     def _where(self) -> str:
         here = self.document()

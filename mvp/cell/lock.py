@@ -1,4 +1,4 @@
-"""One run at a time on one cell.
+"""One command at a time on the devices of one cell.
 
 The operating system holds the lock for the life of the process, so a killed run never
 leaves a stale one behind; the text in the file only tells people who holds it. The file
@@ -31,31 +31,21 @@ _TRIES = 5
 _TRY_AGAIN_S = 0.02
 
 
-def lock_file(cell_file: Path, out: Path, *, simulated: bool) -> Path:
-    """Where the lock of a cell is.
+def lock_file(cell_file: Path) -> Path:
+    """Where the lock of a real cell is.
 
-    A real cell has one lock, beside its ``cell.toml``; where that folder is bundled or
-    cannot be written, in a private folder of the user for temporary files. A simulated
-    world lives in one process and cannot be disturbed by another one: its lock, in the
-    folder of the results, protects those alone.
-
-    Args:
-        cell_file: the ``cell.toml``.
-        out: parent of the run's folder.
-        simulated: the cell is simulated.
+    Beside its ``cell.toml``; where that folder is bundled or cannot be written, in a
+    private folder of the user for temporary files.
 
     Raises:
         OutputError: the private folder is not the user's own.
     """
     cell_file = cell_file.resolve()
-    name = f".{hashlib.sha256(os.fsencode(cell_file)).hexdigest()[:16]}.lock"
-    if simulated:
-        return out / name
     folder = cell_file.parent
     bundled = folder.is_relative_to(bundled_root().resolve())
     if not bundled and os.access(folder, os.W_OK):
         return folder / _LOCK_NAME
-    return private_folder() / name
+    return private_file(cell_file, ".lock")
 
 
 def private_file(cell_file: Path, suffix: str) -> Path:
@@ -110,6 +100,51 @@ def cell_lock(path: Path, *, run_id: str) -> Iterator[bool]:
             _release(path, file)
 
 
+@contextmanager
+def holding(path: Path, *, what: str) -> Iterator[None]:
+    """Hold a file that exists, and leave its content alone.
+
+    Raises:
+        RecordError: another process holds it.
+        OutputError: the file cannot be opened.
+    """
+    try:
+        file = path.open("r+b", buffering=0)
+    except OSError as error:
+        raise output_error(path, error) from error
+    with file:
+        if not _lock_patiently(file):
+            raise RecordError(
+                f"{what} is going on in another process",
+                hint="wait until it has finished, or stop it",
+                where=str(path),
+            )
+        yield
+
+
+def _lock_patiently(file: FileIO) -> bool:
+    """Somebody may only be looking whether it is held."""
+    for _ in range(_TRIES):
+        if try_lock(file):
+            return True
+        time.sleep(_TRY_AGAIN_S)
+    return False
+
+
+def remove_dead(path: Path) -> bool:
+    """Remove a lock file that nobody holds; whether it is gone."""
+    try:
+        file = path.open("r+b", buffering=0)
+    except OSError:
+        return not path.exists()
+    with file:
+        if not try_lock(file) or not _is_at(path, file):
+            return False
+        with suppress(OSError):
+            path.unlink()
+    return not path.exists()
+
+
 def _say_who(path: Path, file: FileIO, holder: dict[str, object]) -> None:
     try:
         _replace(file, json.dumps(holder).encode())
@@ -119,14 +154,29 @@ def _say_who(path: Path, file: FileIO, holder: dict[str, object]) -> None:
 
 def held_by(path: Path) -> str | None:
     """The run that holds a lock now; empty when it does not say, None when nobody."""
+    content = _held_content(path)
+    return None if content is None else str(_holder(content).get("run", ""))
+
+
+def refuse_held(path: Path) -> None:
+    """Look whether somebody holds a lock, without taking it.
+
+    Raises:
+        RecordError: another process holds it; names process, host and run.
+    """
+    content = _held_content(path)
+    if content is not None:
+        raise _held(path, content)
+
+
+def _held_content(path: Path) -> bytes | None:
+    """What a held lock file says; None when nobody holds it."""
     try:
         file = path.open("r+b", buffering=0)
     except OSError:
         return None
     with file:
-        if _acquire(file):
-            return None
-        return str(_holder(_content(file)).get("run", ""))
+        return None if try_lock(file) else _content(file)
 
 
 def _locked(path: Path) -> FileIO:
@@ -138,7 +188,7 @@ def _locked(path: Path) -> FileIO:
             file = path.open("a+b", buffering=0)
         except OSError as error:
             raise output_error(path, error) from error
-        if _acquire(file):
+        if try_lock(file):
             if _is_at(path, file):
                 return file
             file.close()  # its last holder has removed it meanwhile
@@ -176,7 +226,8 @@ def _replace(file: FileIO, content: bytes) -> None:
     append_whole(file, content)
 
 
-def _acquire(file: FileIO) -> bool:
+def try_lock(file: FileIO) -> bool:
+    """Lock an open file until it is closed; False when another one holds it."""
     try:
         if sys.platform == "win32":
             import msvcrt
@@ -205,9 +256,9 @@ def _held(path: Path, content: bytes) -> RecordError:
     holder = _holder(content)
     who = "another process"
     if {"pid", "host", "run"} <= holder.keys():
-        who = f"process {holder['pid']} on {holder['host']} (run {holder['run']})"
+        who = f"process {holder['pid']} on {holder['host']} ({holder['run']})"
     return RecordError(
-        f"{path}: {who} is running on this cell",
+        f"{who} is running on this cell",
         hint="wait until it has finished, or stop it",
         where=str(path),
     )

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field
 
 from mvp.cell.beside import call_beside
+from mvp.cell.device_locks import devices_held
 from mvp.cell.hardware import close_all
-from mvp.cell.lock import cell_lock
+from mvp.cell.in_use import using_devices
 from mvp.cell.plan_job import prepare
-from mvp.cell.run_job import lock_of
+from mvp.cell.progress import Tell, unheard
 from mvp.cell.session import devices_for
-from mvp.devices import Recoverable
-from mvp.errors import StoppedByOperator
+from mvp.devices import Arm, Lens, Recoverable
+from mvp.errors import DeviceError, StoppedByOperator
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
@@ -25,6 +26,11 @@ if TYPE_CHECKING:
     from mvp.cell.loading import LoadedCell, LoadedTask
     from mvp.devices import Device, RecoveryStep
 
+_BY_HAND = {
+    "arm": "bring it back at its own panel, then `mvp-cell check CELL`",
+    "lens": "switch its controller off and on, then `mvp-cell home CELL`",
+    "camera": "unplug it and plug it in again, then `mvp-cell check CELL`",
+}
 _LOG = logging.getLogger(__name__)
 RECOVER_SCHEMA: Literal["mvp-cell/recover/1"] = "mvp-cell/recover/1"
 
@@ -37,10 +43,17 @@ class RecoveredStep(FileModel):
 
 
 class RecoveredDevice(FileModel):
-    """One device: whether it knows a way back, and what was done."""
+    """One device after the walk.
+
+    ``recoverable``: it knows a way back of its own. ``ready``: nothing is left to do by
+    hand; otherwise ``detail`` says what is the matter and ``hint`` what to do.
+    """
 
     name: str
     recoverable: bool
+    ready: bool
+    detail: str
+    hint: str = ""
     steps: list[RecoveredStep] = Field(default_factory=list)
 
 
@@ -67,37 +80,43 @@ class Guide:
     tell: Callable[[str, str], None]
 
 
-def recover_cell(cell: LoadedCell, task: LoadedTask, guide: Guide) -> RecoverDocument:
-    """Walk through every device that knows a way back; the others are named.
+def recover_cell(
+    cell: LoadedCell, task: LoadedTask, guide: Guide, tell: Tell = unheard
+) -> RecoverDocument:
+    """Walk through every device that knows a way back, and ask the others how they are.
 
     Raises:
         DeviceError: a step did not have its effect.
+        RecordError: another command uses the devices.
         StoppedByOperator: a person did not agree to a step.
     """
-    setting = prepare(cell, task)
     with ExitStack() as stack:
-        if not cell.config.simulated:
-            lock = lock_of(setting, cell.folder)
-            stack.enter_context(cell_lock(lock, run_id="recover"))
-        built = stack.enter_context(devices_for(setting))
+        stack.enter_context(using_devices(cell, who="recover"))
+        tell(f"loading {task.part_file.name}")
+        setting = prepare(cell, task)
+        built = stack.enter_context(devices_for(setting, tell))
         devices: dict[str, Device] = {
             "arm": built.arm,
             "lens": built.lens,
             "camera": built.camera,
         }
+        stack.enter_context(devices_held(devices))
         stack.callback(close_all, devices)
-        done = [recover_device(device, guide) for device in devices.values()]
+        done = []
+        for role, device in devices.items():
+            tell(f"asking the {role}")
+            done.append(recover_device(device, guide))
     return RecoverDocument(cell=cell.config.name, devices=done)
 
 
 def recover_device(device: Device, guide: Guide) -> RecoveredDevice:
-    """Walk through one device.
+    """Walk through one device; one that knows no way back is only asked how it is.
 
     Raises:
         DeviceError, StoppedByOperator: as for ``recover_cell``.
     """
     if not isinstance(device, Recoverable):
-        return RecoveredDevice(name=device.name, recoverable=False)
+        return _looked_at(device)
     done = []
     for step in device.recovery():
         if not guide.agree(device.name, step):
@@ -111,4 +130,31 @@ def recover_device(device: Device, guide: Guide) -> RecoveredDevice:
         _LOG.info("%s: recovery: %s", device.name, reached)
         guide.tell(device.name, reached)
         done.append(RecoveredStep(text=step.text, reached=reached))
-    return RecoveredDevice(name=device.name, recoverable=True, steps=done)
+    said = "ready again" if done else "ready, there was nothing to do"
+    return RecoveredDevice(
+        name=device.name, recoverable=True, ready=True, detail=said, steps=done
+    )
+
+
+def _looked_at(device: Device) -> RecoveredDevice:
+    """How a device is that can only be brought back by hand."""
+    try:
+        device.open()
+        detail, ready = _state_of(device)
+        hint = "" if ready else _BY_HAND[device.role]
+    except DeviceError as error:
+        detail, ready = error.detail, False
+        hint = error.hint or _BY_HAND[device.role]
+    return RecoveredDevice(
+        name=device.name, recoverable=False, ready=ready, detail=detail, hint=hint
+    )
+
+
+def _state_of(device: Device) -> tuple[str, bool]:
+    """In words, and whether a run could begin."""
+    if isinstance(device, Arm):
+        fault = device.state().fault
+        return (fault, False) if fault else ("answers, and reports no fault", True)
+    if isinstance(device, Lens) and not device.state().homed:
+        return "answers; not homed, the next run homes it before it moves it", True
+    return "answers, nothing to do", True

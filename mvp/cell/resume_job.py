@@ -12,8 +12,8 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 from mvp.cell.durable import check_writable
+from mvp.cell.in_use import refuse_in_use, using_devices
 from mvp.cell.loading import load_task
-from mvp.cell.lock import cell_lock
 from mvp.cell.places import as_found
 from mvp.cell.plan_job import Setting, prepare
 from mvp.cell.records import (
@@ -28,7 +28,6 @@ from mvp.cell.run_folder import RunFolder, find_run
 from mvp.cell.run_job import (
     RunOptions,
     input_hashes,
-    lock_of,
     needed_bytes,
     utc_now,
 )
@@ -61,13 +60,14 @@ def resume_run(
         OutputError, DeviceError, InfeasibleError, StoppedByOperator: as for a new run.
     """
     folder = find_run(run, [options.out])
+    refuse_in_use(cell)
     plan = folder.read_plan()
     task_file = as_found(plan.task.file, cell.source.path.parent)
     task = load_task(cell, str(task_file))
     setting = prepare(cell, task)
     with ExitStack() as stack:
-        lock = lock_of(setting, folder.path.parent)
-        stack.enter_context(cell_lock(lock, run_id=folder.run_id))
+        stack.enter_context(folder.in_progress())
+        stack.enter_context(using_devices(cell, who=folder.run_id))
         records = folder.records(repair=True)
         first = _first(folder, records)
         _check_inputs(folder, first.inputs, setting)
@@ -150,7 +150,7 @@ def _again(first: RunStarted, session: Session) -> RunStarted:
         simulated=first.simulated,
         inputs=first.inputs,
         devices=device_records(session.infos),
-        accepted_calibration=session.setting.cell.calibrations.accepted,
+        accepted_calibration=session.accepted,
         version=version("mvp-cell"),
         cell_file=str(session.setting.cell.source.path),
     )

@@ -66,7 +66,11 @@ class ViewDocument(FileModel):
 
 
 class RunDocument(FileModel):
-    """The whole run. ``folder`` and ``run_id`` are None when nothing was kept."""
+    """The whole run. ``folder`` and ``run_id`` are None when nothing was kept.
+
+    ``may_still_move`` is what was under way as the run ended early, ``stands`` what was
+    seen to stand a moment later.
+    """
 
     schema_: Literal["mvp-cell/run/1"] = Field(default=RUN_SCHEMA, alias="schema")
     run_id: str | None
@@ -87,6 +91,7 @@ class RunDocument(FileModel):
     accepted_calibration: dict[str, str] = Field(default_factory=dict)
     fault: str | None = None
     may_still_move: str | None = None
+    stands: str | None = None
     timing_s: dict[str, float] = Field(default_factory=dict)
 
 
@@ -133,8 +138,18 @@ def run_document(
     folder: str,
     task: str,
     timing_s: dict[str, float],
+    stands: str = "",
 ) -> RunDocument:
-    """The document of a run from its plan and records."""
+    """The document of a run from its plan and records.
+
+    Args:
+        plan: what was to be taken.
+        records: what happened.
+        folder: of the run.
+        task: its name.
+        timing_s: by stage.
+        stands: what was seen to stand after an early end.
+    """
     views = view_documents(plan, records)
     starts = [r for r in records if isinstance(r, RunStarted)]
     end = records[-1] if isinstance(records[-1], RunFinished) else None
@@ -159,6 +174,7 @@ def run_document(
         accepted_calibration=starts[-1].accepted_calibration,
         fault=faults[-1].message if faults else None,
         may_still_move=(faults[-1].may_still_move or None) if faults else None,
+        stands=stands or None,
         timing_s=timing_s,
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 from pydantic import ValidationError
 
 from mvp.cell.durable import output_error, sync_folder, write_durably
+from mvp.cell.lock import held_by, holding
 from mvp.cell.records import FIND_RUNS, Captured, Record, read_records
 from mvp.cell.run_document import RunDocument
 from mvp.errors import OutputError, RecordError
@@ -20,6 +21,7 @@ from mvp.planning.plan import Plan
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from contextlib import AbstractContextManager
 
     import numpy as np
     from numpy.typing import NDArray
@@ -158,6 +160,19 @@ class RunFolder:
             raise output_error(self.quarantine, error) from error
         return [file.name for file in unknown]
 
+    def in_progress(self) -> AbstractContextManager[None]:
+        """Around everything that adds to the run: one process at a time.
+
+        Raises:
+            RecordError: another process works on it.
+        """
+        return holding(self.records_file, what=f"the run {self.run_id}")
+
+    @property
+    def is_in_progress(self) -> bool:
+        """Whether a process works on it now."""
+        return held_by(self.records_file) is not None
+
     @contextmanager
     def dropped_on_error(self) -> Iterator[None]:
         """Leave no folder behind when it cannot even be begun."""
@@ -166,6 +181,20 @@ class RunFolder:
         except BaseException:
             shutil.rmtree(self.path, ignore_errors=True)
             raise
+
+
+@contextmanager
+def parent_dropped_on_error(parent: Path) -> Iterator[None]:
+    """Leave none of the folders behind that were made for a run which never began."""
+    missing = [path for path in (parent, *parent.parents) if not path.exists()]
+    try:
+        yield
+    except BaseException:
+        for path in missing:
+            # Somebody else may have put something there meanwhile.
+            with suppress(OSError):
+                path.rmdir()
+        raise
 
 
 def create_run_folder(parent: Path, name: str) -> RunFolder:

@@ -18,11 +18,16 @@ from typing import TYPE_CHECKING
 
 from mvp.cell.durable import check_writable, write_durably
 from mvp.cell.hardware import opened
-from mvp.cell.lock import cell_lock, lock_file
+from mvp.cell.in_use import using_devices
 from mvp.cell.preflight import Routes
+from mvp.cell.progress import Tell, unheard
 from mvp.cell.records import InputHashes, RecordLog, RunStarted
 from mvp.cell.run_document import RunDocument, ViewDocument
-from mvp.cell.run_folder import RunFolder, create_run_folder
+from mvp.cell.run_folder import (
+    RunFolder,
+    create_run_folder,
+    parent_dropped_on_error,
+)
 from mvp.cell.session import (
     RunResult,
     Session,
@@ -96,7 +101,7 @@ def require_runnable(setting: Setting, plan: Plan, *, partial: bool) -> None:
             )
 
 
-def dry_run(setting: Setting, plan: Plan) -> RunDocument:
+def dry_run(setting: Setting, plan: Plan, tell: Tell = unheard) -> RunDocument:
     """Check the whole plan on the devices; nothing moves, nothing is kept.
 
     Raises:
@@ -105,11 +110,11 @@ def dry_run(setting: Setting, plan: Plan) -> RunDocument:
     """
     started = utc_now()
     with ExitStack() as stack:
-        if not setting.cell.config.simulated:
-            lock = lock_of(setting, setting.cell.folder)
-            stack.enter_context(cell_lock(lock, run_id="dry run"))
-        devices = stack.enter_context(devices_for(setting))
+        stack.enter_context(using_devices(setting.cell, who="dry run"))
+        devices = stack.enter_context(devices_for(setting, tell))
+        tell("connecting to arm, lens and camera")
         infos = stack.enter_context(opened(devices))
+        tell("checking limits and the way to every view")
         check_before(setting, devices, infos, plan.views, Routes(setting.arm))
     views = [
         ViewDocument(id=v.id, features=v.features, status="checked") for v in plan.views
@@ -147,11 +152,13 @@ def start_run(
     check_writable(options.out, needed_bytes=needed_bytes(setting, len(plan.views)))
     name = _run_name(setting, options.part_id)
     with ExitStack() as stack:
-        stack.enter_context(cell_lock(lock_of(setting, options.out), run_id=name))
+        stack.enter_context(using_devices(setting.cell, who=name))
         session = Session.open(stack, setting, plan.views, watcher)
-        folder = create_run_folder(options.out, name)
-        with folder.dropped_on_error():
-            journal = _begin(session, folder, plan, options.part_id)
+        with parent_dropped_on_error(options.out):
+            folder = create_run_folder(options.out, name)
+            with folder.dropped_on_error():
+                journal = _begin(session, folder, plan, options.part_id)
+        stack.enter_context(folder.in_progress())
         return session.drive(folder, journal, plan, plan.views, step=options.step)
 
 
@@ -168,7 +175,7 @@ def _begin(session: Session, folder: RunFolder, plan: Plan, part_id: str) -> Rec
             simulated=plan.cell.simulated,
             inputs=input_hashes(setting, text),
             devices=device_records(session.infos),
-            accepted_calibration=setting.cell.calibrations.accepted,
+            accepted_calibration=session.accepted,
             version=version("mvp-cell"),
             cell_file=str(setting.cell.source.path),
         )
@@ -186,12 +193,6 @@ def input_hashes(setting: Setting, plan_text: bytes) -> InputHashes:
         cell=setting.cell.sha256,
         calibration=setting.cell.calibrations.sha256,
     )
-
-
-def lock_of(setting: Setting, out: Path) -> Path:
-    """The lock file of a cell; see ``mvp.cell.lock``."""
-    cell = setting.cell
-    return lock_file(cell.source.path, out, simulated=cell.config.simulated)
 
 
 def needed_bytes(setting: Setting, views: int) -> int:

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mvp.cell.documents import RunSummary
-from mvp.cell.lock import held_by, lock_file
 from mvp.cell.records import Captured, RunStarted
 from mvp.cell.resume_command import resume_command
 from mvp.cell.run_document import RunDocument, run_document
 from mvp.cell.run_folder import list_runs
-from mvp.errors import OutputError, RecordError
+from mvp.errors import RecordError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,7 +40,7 @@ def _summary(folder: RunFolder) -> RunSummary:
             run_id=folder.run_id, folder=str(folder.path), status="damaged"
         )
     status: str = document.status
-    if status == "running" and not _alive(folder, started[-1]):
+    if status == "running" and not folder.is_in_progress:
         status = "broken off"
     return RunSummary(
         run_id=folder.run_id,
@@ -70,21 +69,6 @@ def _now(
         task=document.task,
         timing_s=document.timing_s,
     )
-
-
-def _alive(folder: RunFolder, started: RunStarted) -> bool:
-    """Whether the process that wrote these records still holds the cell's lock."""
-    if not started.cell_file:
-        return False
-    try:
-        lock = lock_file(
-            Path(started.cell_file), folder.path.parent, simulated=started.simulated
-        )
-    except OutputError:
-        return False
-    run = held_by(lock)
-    # A number is appended to the folder's name when the name was taken.
-    return run is not None and folder.run_id.startswith(run)
 
 
 def _resume(folder: RunFolder, started: RunStarted) -> str:

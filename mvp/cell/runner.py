@@ -85,6 +85,7 @@ class RunOutcome:
         error: what ended it early, if anything.
         further: errors met while ending it.
         may_still_move: what an accepted command may still be moving, and until when.
+        stands: what was seen to stand after everything had been told to stop.
     """
 
     reason: FinishReason
@@ -92,6 +93,7 @@ class RunOutcome:
     error: Exception | None = None
     further: tuple[Exception, ...] = ()
     may_still_move: str = ""
+    stands: str = ""
 
 
 class Runner:

@@ -5,26 +5,28 @@ from __future__ import annotations
 import logging
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from mvp.cell.arrival import arrival_tolerance
 from mvp.cell.beside import call_beside, run_beside
+from mvp.cell.calibrated_devices import accepted_on_devices, warn_of_devices
 from mvp.cell.engine import CellEngine
 from mvp.cell.hardware import (
     build_devices,
-    check_serials,
     check_simulated,
     opened,
 )
-from mvp.cell.homing import home_arm, is_homed
+from mvp.cell.homing import HOMING_S, home_arm, homing_of, is_homed
 from mvp.cell.interrupts import uninterrupted
 from mvp.cell.logs import log_devices, log_to
 from mvp.cell.preflight import Routes, check_limits
+from mvp.cell.progress import Tell, unheard
 from mvp.cell.records import DeviceRecord
 from mvp.cell.run_document import RunDocument, run_document
 from mvp.cell.runner import Runner, RunOutcome
 from mvp.cell.simulation import simulation_of
+from mvp.cell.standstill import UnderWay, seen_at_rest, stopped_on_error
 from mvp.cell.verification import Expectations, PictureVerifier, TaskExposure
 from mvp.cell.wire_dumps import keep_with_run
 from mvp.cell.world_building import WorldBodies
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
     from mvp.cell.records import RecordLog
     from mvp.cell.run_folder import RunFolder
     from mvp.cell.states import RunStatus
-    from mvp.devices import DeviceInfo
+    from mvp.devices import DeviceInfo, Homing
     from mvp.planning.plan import Plan, PlannedView
 
 _LOG = logging.getLogger(__name__)
@@ -50,13 +52,15 @@ class Motion:
     """What a person is asked to allow.
 
     Attributes:
-        homes: the arm drives to its references first, wherever it stands.
+        homing: what the arm does first to find its references; None when it knows them.
+        errand: what it does then, in words; empty for taking the views.
     """
 
     cell: str
     views: int
     infos: dict[str, DeviceInfo]
-    homes: bool = False
+    homing: Homing | None = None
+    errand: str = ""
 
     @property
     def simulated(self) -> bool:
@@ -74,12 +78,25 @@ class Watcher:
             ``KeyboardInterrupt``, which stops the devices.
         on_status: told about every change.
         on_end: told how the run ended, before anything else is written.
+        on_rest: told a moment later what stands then, and what may still be moving.
+        on_phase: told what is being done before the first motion.
     """
 
     allow: Callable[[Motion], bool]
     follow: Callable[[Runner], None]
     on_status: Callable[[RunStatus], None] | None = None
     on_end: Callable[[RunFolder, RunOutcome], None] | None = None
+    on_rest: Callable[[RunOutcome], None] | None = None
+    on_phase: Tell = unheard
+
+    def tell_rest(self, outcome: RunOutcome) -> None:
+        """Tell what stands; a failure to do so never spoils the run."""
+        if self.on_rest is None:
+            return
+        try:
+            self.on_rest(outcome)
+        except Exception:
+            _LOG.exception("what stands could not be told")
 
     def tell_end(self, folder: RunFolder, outcome: RunOutcome) -> None:
         """Tell how it ended; a failure to do so never spoils the run."""
@@ -107,7 +124,7 @@ class RunResult:
 
 
 @contextmanager
-def devices_for(setting: Setting) -> Iterator[CellDevices]:
+def devices_for(setting: Setting, tell: Tell = unheard) -> Iterator[CellDevices]:
     """The devices of a cell, not yet opened, with the task's part in its world.
 
     Raises:
@@ -116,7 +133,7 @@ def devices_for(setting: Setting) -> Iterator[CellDevices]:
     """
     scene = setting.scene
     bodies = WorldBodies(scene.scene.part, scene.fixtures_base)
-    with simulation_of(setting.cell, setting.task) as announced:
+    with simulation_of(setting.cell, setting.task, tell) as announced:
         yield build_devices(setting.cell, bodies, announced)
 
 
@@ -132,7 +149,7 @@ def check_before(
     The way to the first view is left out while nobody knows where the arm is.
     """
     check_simulated(setting.cell, infos)
-    check_serials(setting.cell, infos)
+    accepted_on_devices(setting.cell, devices, infos, views)
     check_limits(devices, views, setting.task.config.exposure.exposure_s)
     if is_homed(devices.arm):
         routes.check_all(devices.arm.state().joints, views)
@@ -153,13 +170,18 @@ def start_speed(
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Opened devices and a checked plan."""
+    """Opened devices and a checked plan.
+
+    Attributes:
+        accepted: calibrations that a person takes the responsibility for.
+    """
 
     setting: Setting
     devices: CellDevices
     infos: dict[str, DeviceInfo]
     routes: Routes
     watcher: Watcher
+    accepted: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def open(
@@ -175,18 +197,23 @@ class Session:
             MvpCellError: something does not hold; nothing has moved but, when the way
                 from its references is not clear, the arm to those.
         """
-        devices = stack.enter_context(devices_for(setting))
+        tell = watcher.on_phase
+        devices = stack.enter_context(devices_for(setting, tell))
+        tell("connecting to arm, lens and camera")
         infos = stack.enter_context(opened(devices))
         routes = Routes(setting.arm)
+        tell("checking limits and the way to every view")
         check_before(setting, devices, infos, views, routes)
-        homes = not is_homed(devices.arm)
-        motion = Motion(setting.cell.config.name, len(views), infos, homes=homes)
+        accepted = accepted_on_devices(setting.cell, devices, infos, views)
+        warn_of_devices(setting.cell, devices, infos)
+        homing = homing_of(devices.arm)
+        motion = Motion(setting.cell.config.name, len(views), infos, homing)
         if not watcher.allow(motion):
             raise StoppedByOperator("the operator did not allow the arm to move")
-        if homes:
-            call_beside(lambda: home_arm(devices), devices.stop)
+        if homing is not None:
+            _home(setting, devices, tell)
             routes.check_all(devices.arm.state().joints, views)
-        return cls(setting, devices, infos, routes, watcher)
+        return cls(setting, devices, infos, routes, watcher, accepted)
 
     def drive(
         self,
@@ -225,8 +252,9 @@ class Session:
         """Tell the end and write the result; only the first thing that failed is told."""
         if outcome.error is not None:
             self.watcher.tell_end(folder, outcome)
+            outcome = self._seen_at_rest(outcome)
             keep_with_run(self.devices.dumps, folder.path)
-        document = _document(self.setting, folder, plan, timing)
+        document = _document(self.setting, folder, plan, timing, outcome.stands)
         try:
             folder.write_document(document)
         except OutputError as error:
@@ -237,6 +265,14 @@ class Session:
             outcome = replace(outcome, reason="error", error=error)
             self.watcher.tell_end(folder, outcome)
         return document, outcome
+
+    def _seen_at_rest(self, outcome: RunOutcome) -> RunOutcome:
+        """Look what stands now that everything was told to stop, and tell it."""
+        rest = seen_at_rest(self.devices)
+        left = rest.may_still_move(outcome.may_still_move)
+        outcome = replace(outcome, may_still_move=left, stands=rest.stands)
+        self.watcher.tell_rest(outcome)
+        return outcome
 
     def _log_start(self, plan: Plan, views: Sequence[PlannedView]) -> None:
         _LOG.info(
@@ -274,6 +310,18 @@ class Session:
         )
 
 
+def _home(setting: Setting, devices: CellDevices, tell: Tell) -> None:
+    """Let the arm find its references; an error says what stands then."""
+    tell("homing the arm")
+    bodies, clearance_mm = setting.arm.bodies, setting.arm.clearance_mm
+    under_way = UnderWay()
+    with (
+        stopped_on_error(devices, under_way, tell),
+        under_way.moving("the arm, homing", HOMING_S),
+    ):
+        call_beside(lambda: home_arm(devices, bodies, clearance_mm), devices.stop)
+
+
 def write_document(
     setting: Setting, folder: RunFolder, plan: Plan, timing_s: dict[str, float]
 ) -> RunDocument:
@@ -288,7 +336,11 @@ def write_document(
 
 
 def _document(
-    setting: Setting, folder: RunFolder, plan: Plan, timing_s: dict[str, float]
+    setting: Setting,
+    folder: RunFolder,
+    plan: Plan,
+    timing_s: dict[str, float],
+    stands: str = "",
 ) -> RunDocument:
     return run_document(
         plan,
@@ -296,6 +348,7 @@ def _document(
         folder=str(folder.path),
         task=setting.task.config.name,
         timing_s=timing_s,
+        stands=stands,
     )
 
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field, ValidationError
 
 from mvp.cell.lock import held_by, private_file
+from mvp.cell.progress import Tell, unheard
 from mvp.errors import ConnectError, MvpCellError, UsageError
 from mvp.fileedge import FileModel
 
@@ -75,11 +76,18 @@ def simulation_lock(cell_file: Path) -> Path:
 
 
 @contextmanager
-def simulation_of(cell: LoadedCell, task: LoadedTask) -> Iterator[Announced]:
+def simulation_of(
+    cell: LoadedCell, task: LoadedTask, tell: Tell = unheard
+) -> Iterator[Announced]:
     """Where the simulators of a cell listen; nothing for a cell without simulators.
 
     One that ``mvp-cell simulate`` has started is used as it stands; otherwise one is
     started, and ended with this context.
+
+    Args:
+        cell: with or without simulators.
+        task: what stands in their world.
+        tell: hears what takes time.
 
     Raises:
         ConnectError: it does not start.
@@ -90,9 +98,11 @@ def simulation_of(cell: LoadedCell, task: LoadedTask) -> Iterator[Announced]:
         return
     running = _running(cell, task)
     if running is not None:
+        tell("using the simulation that runs")
         _LOG.info("simulation: using the one that runs")
         yield running.announced
         return
+    tell(f"starting the simulators of {cell.config.name}")
     with _started(cell, task) as simulation:
         yield simulation.announced
 
@@ -175,8 +185,8 @@ def _not_started(
         return UsageError(told[0], hint=" ".join(hints), where=name)
     why = told[0] if told else said or "it said nothing"
     return ConnectError(
-        f"the simulation of {name} did not start: {why}",
-        device="simulation",
+        f"did not start: {why}",
+        device=f"simulation of {name}",
         hint=" ".join(hints) or "`mvp-cell simulate CELL` shows more",
     )
 

@@ -19,7 +19,10 @@ def allow_motion(motion: Motion, *, yes: bool) -> bool:
     Raises:
         UsageError: nobody can be asked.
     """
-    if motion.simulated or yes:
+    if motion.simulated:
+        return True
+    if yes:
+        _refuse_unseen(motion)
         return True
     if not terminal():
         raise UsageError(
@@ -28,19 +31,39 @@ def allow_motion(motion: Motion, *, yes: bool) -> bool:
             where=motion.cell,
         )
     models = ", ".join(info.model for info in motion.infos.values())
-    first = (
-        "drive its axes to their references (those without a switch must stand at "
-        "their marks now), then "
-        if motion.homes
-        else ""
-    )
+    first = ""
+    if motion.homing is not None:
+        first = "find its references, then "
+        console().print(motion.homing.words, style="bold yellow", markup=False)
     console().print(
-        f"{motion.cell} ({models}) will {first}move to {motion.views} place(s). "
+        f"{motion.cell} ({models}) will {first}{_errand(motion)}. "
         "Keep clear and keep a hand on the emergency stop.",
         style="bold yellow",
         markup=False,
     )
     return ask("Move now? [y/N] ").strip().lower() in ("y", "yes")
+
+
+def _errand(motion: Motion) -> str:
+    if motion.errand:
+        return motion.errand
+    return "move to 1 place" if motion.views == 1 else f"move to {motion.views} places"
+
+
+def _refuse_unseen(motion: Motion) -> None:
+    """``--yes`` says that nothing is in the way; it cannot see where an axis stands.
+
+    Raises:
+        UsageError: an axis that nothing measures is counted away from its mark.
+    """
+    away = motion.homing.away if motion.homing is not None else ()
+    if away:
+        raise UsageError(
+            f"{', '.join(away)} of {motion.cell} are counted away from their marks, and "
+            "nothing measures them: a person has to look whether they truly are there",
+            hint="run `mvp-cell home CELL` on a terminal, without --yes",
+            where=motion.cell,
+        )
 
 
 def terminal() -> bool:

@@ -16,16 +16,26 @@ def check(
     accept_calibration: AcceptOption = "",
     as_json: JsonOption = False,
 ) -> int:
-    """Reach every device, check calibration and limits; all failures at once."""
+    """Reach every device, check calibration and limits.
+
+    All failures are told at once; nothing moves.
+    """
     from rich.markup import escape
     from rich.table import Table
 
+    from mvp.cell.calibration_items import only_calibrations_failed
     from mvp.cell.check_job import check_cell, load_unjudged
     from mvp.cell.loading import load_task
+    from mvp.cli.naming import named
     from mvp.cli.output import console, print_model
+    from mvp.cli.progress import phase
 
     loaded = load_unjudged(cell, accept_calibration=accept_calibration)
-    document = check_cell(loaded, load_task(loaded, task))
+    found = check_cell(loaded, load_task(loaded, task), phase)
+    items = [
+        item.model_copy(update={"hint": named(item.hint, cell)}) for item in found.items
+    ]
+    document = found.model_copy(update={"items": items})
     table = Table("what", "", "detail")
     for item in document.items:
         detail = f"{item.detail}\n-> {item.hint}" if item.hint else item.detail
@@ -35,7 +45,9 @@ def check(
     lines.print(f"{document.cell}: {_verdict(document)}")
     if as_json:
         print_model(document)
-    return 0 if document.passed else 4
+    if document.passed:
+        return 0
+    return 2 if only_calibrations_failed(document) else 4
 
 
 def _mark(item: CheckItem) -> str:

@@ -6,7 +6,10 @@ from mvp.cli.options import JsonOption
 
 
 def devices(as_json: JsonOption = False) -> int:
-    """List serial ports and cameras, with what to write into a cell file; opens none."""
+    """List serial ports and cameras in reach; opens none.
+
+    Says what to write into a cell file for each.
+    """
     from rich.markup import escape
     from rich.table import Table
 

@@ -8,7 +8,7 @@ from mvp.cli.options import JsonOption
 
 
 def drivers(as_json: JsonOption = False) -> int:
-    """List installed drivers: key, role, who ships them, and why one does not load."""
+    """List installed drivers, and why one does not load."""
     from rich.table import Table
 
     from mvp.cell.documents import DriverItem, DriversDocument

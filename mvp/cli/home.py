@@ -18,15 +18,19 @@ def home(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Home the lens and drive the arm to its home along a checked path."""
+    """Home arm and lens, drive the arm home on a checked path."""
     from mvp.cell.home_job import home_cell
     from mvp.cell.loading import load_cell, load_task
     from mvp.cli.ask import allow_motion
     from mvp.cli.output import console, print_model
+    from mvp.cli.progress import phase
 
     loaded = load_cell(cell, accept_calibration=accept_calibration)
     document = home_cell(
-        loaded, load_task(loaded, task), lambda motion: allow_motion(motion, yes=yes)
+        loaded,
+        load_task(loaded, task),
+        lambda motion: allow_motion(motion, yes=yes),
+        phase,
     )
     steps = ", ".join(f"{k} {v}" for k, v in document.lens_steps.items())
     console().print(f"{document.cell}: arm at home; lens homed ({steps})")

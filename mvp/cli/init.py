@@ -17,7 +17,7 @@ def init(
     ] = "virtual",
     as_json: JsonOption = False,
 ) -> int:
-    """Copy a bundled cell with its task, part and calibration files, to edit."""
+    """Copy a bundled cell with all its files, to edit."""
     from mvp.cell.documents import InitDocument
     from mvp.cell.init_job import copy_cell, lines_to_edit
     from mvp.cli.output import console, print_model

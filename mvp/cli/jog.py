@@ -42,29 +42,34 @@ def jog(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Move arm and lens by hand, inside the limits of a run, and look at the picture.
+    """Move arm and lens by hand, and look at the picture.
 
-    Arm in base, tool or camera axes, lens in steps or mm; `help` lists the words.
+    Inside the limits of a run; arm in base, tool or camera axes, lens in steps or mm. `help` lists the words.
     """
     from mvp.cell.hardware import check_driver_configs
+    from mvp.cell.in_use import using_devices
     from mvp.cell.loading import load_cell, load_task
     from mvp.cell.plan_job import prepare
     from mvp.cli.ask import terminal
     from mvp.cli.output import print_model
+    from mvp.cli.progress import phase
     from mvp.errors import UsageError
 
     loaded = load_cell(cell, accept_calibration=accept_calibration)
     check_driver_configs(loaded)
-    setting = prepare(loaded, load_task(loaded, task))
+    loaded_task = load_task(loaded, task)
     if not do and not terminal():
         raise UsageError(
             "jog asks for commands, and there is no terminal to ask on",
             hint='give them: --do "frame camera" --do "z 5"',
         )
-    with _allowed(setting, speed, yes=yes) as jogger:
-        _follow(jogger, do)
-        if as_json:
-            print_model(jogger.document())
+    with using_devices(loaded, who="jog"):
+        phase(f"loading {loaded_task.part_file.name}")
+        setting = prepare(loaded, loaded_task)
+        with _allowed(setting, speed, yes=yes) as jogger:
+            _follow(jogger, do, cell)
+            if as_json:
+                print_model(jogger.document())
     return 0
 
 
@@ -74,37 +79,37 @@ def _allowed(setting: Setting, speed: float, *, yes: bool) -> Iterator[Jogger]:
 
     Raises:
         StoppedByOperator: motion was not allowed.
-        RecordError: a run or another jog is on this cell.
     """
     from mvp.cell.hardware import check_simulated, opened
+    from mvp.cell.homing import homing_of
     from mvp.cell.jog_job import Jogger
-    from mvp.cell.lock import cell_lock
-    from mvp.cell.run_job import lock_of
     from mvp.cell.session import Motion, devices_for
+    from mvp.cell.standstill import stopped_on_error
     from mvp.cli.ask import allow_motion
+    from mvp.cli.progress import phase
     from mvp.errors import StoppedByOperator
 
     cell = setting.cell
     with ExitStack() as stack:
-        if not cell.config.simulated:
-            lock = lock_of(setting, cell.folder)
-            stack.enter_context(cell_lock(lock, run_id="jog"))
-        devices = stack.enter_context(devices_for(setting))
+        devices = stack.enter_context(devices_for(setting, phase))
+        phase("connecting to arm, lens and camera")
         infos = stack.enter_context(opened(devices))
         check_simulated(cell, infos)
-        if not allow_motion(Motion(cell.config.name, 1, infos), yes=yes):
+        homing = homing_of(devices.arm)
+        errand = "move by hand, one command after the other"
+        motion = Motion(cell.config.name, 1, infos, homing, errand)
+        if not allow_motion(motion, yes=yes):
             raise StoppedByOperator("the operator did not allow the arm to move")
-        try:
-            yield Jogger(setting, devices, _save, _show, speed)
-        except BaseException:
-            devices.stop()
-            raise
+        jogger = Jogger(setting, devices, _save, _show, speed, homing_told=homing)
+        with stopped_on_error(devices, jogger.under_way, phase):
+            yield jogger
 
 
-def _follow(jogger: Jogger, given: list[str] | None) -> None:
+def _follow(jogger: Jogger, given: list[str] | None, cell: str) -> None:
     """One command after the other; at the prompt a refusal ends only its command."""
     from mvp.cell.beside import call_beside
     from mvp.cell.jog_words import Plain, parse
+    from mvp.cli.naming import named
     from mvp.cli.output import console
     from mvp.errors import InfeasibleError, LimitError, OutputError, UsageError
 
@@ -119,7 +124,8 @@ def _follow(jogger: Jogger, given: list[str] | None) -> None:
         except (UsageError, LimitError, InfeasibleError, OutputError) as error:
             if given:
                 raise
-            say.print(f"{error.message}. {error.hint}", style="yellow", markup=False)
+            hint = named(error.hint, cell)
+            say.print(f"{error.message}. {hint}", style="yellow", markup=False)
 
 
 def _asked() -> Iterator[str]:

@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperCommand
 
 from mvp.cell.interrupts import ENDING, uninterrupted
+from mvp.cli.naming import name_cell
 from mvp.cli.output import report_error
 from mvp.errors import MvpCellError, StoppedByOperator, UsageError
 
@@ -75,6 +76,16 @@ class _Command(TyperCommand):
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """``CELL`` where some versions of typer write ``{CELL}``."""
         return [piece.strip("{}") for piece in super().collect_usage_pieces(ctx)]
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run it; the hints of its errors name the cell that was given."""
+        try:
+            return super().invoke(ctx)
+        except MvpCellError as error:
+            cell = ctx.params.get("cell")
+            if isinstance(cell, str):
+                name_cell(error, cell)
+            raise
 
 
 def build_app() -> typer.Typer:

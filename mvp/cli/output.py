@@ -50,7 +50,6 @@ def report_error(
     *,
     as_json: bool,
     folder: str | None = None,
-    moving: str | None = None,
     told: bool = False,
 ) -> int:
     """Tell person and program what went wrong; returns the exit code.
@@ -59,13 +58,12 @@ def report_error(
         error: what went wrong.
         as_json: print the document too.
         folder: of the run that was begun.
-        moving: what may still be moving.
         told: the person knows already.
     """
     from mvp.cell.documents import ErrorDocument
 
     if not told:
-        tell_error(error, moving=moving)
+        tell_error(error)
     if as_json:
         document = ErrorDocument(
             code=error.exit_code,
@@ -74,7 +72,8 @@ def report_error(
             message=error.message,
             hint=error.hint,
             folder=folder,
-            may_still_move=moving,
+            may_still_move=error.may_still_move or None,
+            stands=error.stands or None,
         )
         # Nobody reads it; the person was told what went wrong in the first place.
         with suppress(OutputError):
@@ -82,14 +81,22 @@ def report_error(
     return error.exit_code
 
 
-def tell_error(error: MvpCellError, *, moving: str | None = None) -> None:
+def tell_error(error: MvpCellError) -> None:
     """What went wrong, what may still be moving, and what to do, for a person."""
     lines = console()
     lines.print(f"error: {error.message}", style="bold red", markup=False)
-    if moving:
-        lines.print(f"may still be moving: {moving}", style="bold red", markup=False)
+    tell_rest(stands=error.stands, moving=error.may_still_move)
     if error.hint:
         lines.print(f"hint:  {error.hint}", markup=False)
+
+
+def tell_rest(*, stands: str, moving: str) -> None:
+    """What was seen to stand after a stop, and what was not."""
+    lines = console()
+    if stands:
+        lines.print(f"seen to stand: {stands}", markup=False)
+    if moving:
+        lines.print(f"may still be moving: {moving}", style="bold red", markup=False)
 
 
 def tell_warning(message: str, *, hint: str = "") -> None:

@@ -1,4 +1,4 @@
-"""Progress on the terminal; silent where nobody watches."""
+"""Progress for people: one line for each phase, its details where somebody watches."""
 
 from __future__ import annotations
 
@@ -6,17 +6,26 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from mvp.cell.progress import unheard
 from mvp.cli.output import console
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
+
+    from mvp.cell.progress import Tell
+
+
+def phase(text: str) -> None:
+    """Say what is being done from now on."""
+    console().print(f"{text} ...", style="dim", markup=False)
 
 
 @contextmanager
-def stages() -> Iterator[Callable[[str], None]]:
-    """Yields a function that shows what is being done."""
+def stages(name: str = "planning") -> Iterator[Tell]:
+    """One phase; yields a function that shows its details on a terminal."""
     if not sys.stderr.isatty():
-        yield lambda text: None
+        phase(name)
+        yield unheard
         return
-    with console().status("starting") as status:
-        yield lambda text: status.update(text)
+    with console().status(name) as status:
+        yield lambda text: status.update(f"{name}: {text}")

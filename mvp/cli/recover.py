@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 from mvp.cli.ask import ask, terminal
 from mvp.cli.options import AcceptOption, CellArgument, JsonOption, TaskOption
 from mvp.cli.output import console
-from mvp.errors import UsageError
+from mvp.errors import DeviceError, UsageError
 
 if TYPE_CHECKING:
+    from mvp.cell.recover_job import RecoveredDevice
     from mvp.devices import RecoveryStep
 
 
@@ -21,23 +22,43 @@ def recover(
 ) -> int:
     """Lead devices back from a fault; asks before every step.
 
+    Devices that know no way back of their own are only asked how they are: whatever they need is said, and has to be done by hand.
+
     Nothing moves unless a step says so. There is no --yes: whether an arm is free and nobody is near it, only a person sees.
     """
     from mvp.cell.loading import load_cell, load_task
     from mvp.cell.recover_job import Guide, recover_cell
+    from mvp.cli.naming import named
     from mvp.cli.output import print_model
+    from mvp.cli.progress import phase
 
     loaded = load_cell(cell, accept_calibration=accept_calibration)
-    document = recover_cell(
-        loaded, load_task(loaded, task), Guide(agree=agree, tell=_tell)
+    found = recover_cell(
+        loaded, load_task(loaded, task), Guide(agree=agree, tell=_tell), phase
     )
-    lines = console()
-    for device in document.devices:
-        said = "ready" if device.recoverable else "knows no way back of its own"
-        lines.print(f"{device.name}: {said}", markup=False)
+    devices = [
+        one.model_copy(update={"hint": named(one.hint, cell)}) for one in found.devices
+    ]
+    for device in devices:
+        _show(device)
     if as_json:
-        print_model(document)
-    return 0
+        print_model(found.model_copy(update={"devices": devices}))
+    return 0 if all(one.ready for one in devices) else DeviceError.exit_code
+
+
+def _show(device: RecoveredDevice) -> None:
+    """One line for a device that is ready; else what it needs by hand."""
+    lines = console()
+    if device.ready:
+        lines.print(f"{device.name}: {device.detail}", markup=False)
+        return
+    lines.print(
+        f"{device.name}: NOT ready, and it knows no way back of its own: "
+        f"{device.detail}",
+        style="bold red",
+        markup=False,
+    )
+    lines.print(f"by hand: {device.hint}", markup=False)
 
 
 def agree(device: str, step: RecoveryStep) -> bool:

@@ -47,7 +47,7 @@ def run(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Plan the views, take the pictures and prove in them that the task was met."""
+    """Plan the views, take the pictures, prove the task in them."""
     from mvp.cell.hardware import check_driver_configs
     from mvp.cell.loading import load_cell
     from mvp.cell.run_job import RunOptions
@@ -56,15 +56,15 @@ def run(
     loaded = load_cell(cell, accept_calibration=accept_calibration)
     check_driver_configs(loaded)
     options = RunOptions(out=out, part_id=part_id, step=step, partial=partial)
-    flow = run_flow.RunFlow(loaded, task, options, seed=seed, yes=yes)
+    flow = run_flow.RunFlow(cell, loaded, task, options, seed=seed, yes=yes)
     if resume is not None:
-        return _finished(flow.resume(resume), as_json)
+        return _finished(cell, flow.resume(resume), as_json)
     if dry:
         return flow.dry_run(as_json)
-    return _finished(flow.start(), as_json)
+    return _finished(cell, flow.start(), as_json)
 
 
-def _finished(result: RunResult, as_json: bool) -> int:
+def _finished(cell: str, result: RunResult, as_json: bool) -> int:
     """Table or document; an early end is an error that names the run's folder."""
     from mvp.cell.interrupts import uninterrupted
     from mvp.cell.run_document import EXIT_CODES
@@ -75,14 +75,15 @@ def _finished(result: RunResult, as_json: bool) -> int:
     with uninterrupted():
         print_run(document)
         if result.outcome.reason != "completed":
-            return _ended_early(result, as_json)
+            return _ended_early(cell, result, as_json)
         if as_json:
             print_model(document)
         return EXIT_CODES[document.status]
 
 
-def _ended_early(result: RunResult, as_json: bool) -> int:
+def _ended_early(cell: str, result: RunResult, as_json: bool) -> int:
     """The document for the program; the person was told at once when it ended."""
+    from mvp.cli.naming import name_cell
     from mvp.cli.output import report_error
     from mvp.cli.run_flow import early_end
 
@@ -90,6 +91,6 @@ def _ended_early(result: RunResult, as_json: bool) -> int:
     error = early_end(result.setting.cell, result.folder, outcome)
     if error is None:
         raise outcome.error or RuntimeError("the run ended early without an error")
-    moving = outcome.may_still_move or None
+    name_cell(error, cell)
     folder = str(result.folder.path)
-    return report_error(error, as_json=as_json, folder=folder, moving=moving, told=True)
+    return report_error(error, as_json=as_json, folder=folder, told=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mvp.cell.durable import check_writable
+from mvp.cell.in_use import refuse_in_use
 from mvp.cell.loading import LoadedCell, load_task
 from mvp.cell.plan_job import Setting, make_plan
 from mvp.cell.report_hook import write_report_if_possible
@@ -16,8 +17,15 @@ from mvp.cell.run_job import RunOptions, dry_run, require_runnable, start_run
 from mvp.cell.session import Motion, RunResult, Watcher
 from mvp.cell.states import RunState, RunStatus
 from mvp.cli.ask import allow_motion, ask, terminal
-from mvp.cli.output import console, print_model, tell_error, tell_warning
-from mvp.cli.progress import stages
+from mvp.cli.naming import name_cell
+from mvp.cli.output import (
+    console,
+    print_model,
+    tell_error,
+    tell_rest,
+    tell_warning,
+)
+from mvp.cli.progress import phase, stages
 from mvp.cli.tables import print_plan, print_run
 from mvp.errors import MvpCellError, OutputError, StoppedByOperator, UsageError
 
@@ -32,8 +40,13 @@ _SMALL_RUN_BYTES = 50_000_000
 
 @dataclass(frozen=True, eq=False)
 class RunFlow:
-    """One invocation of ``mvp-cell run``."""
+    """One invocation of ``mvp-cell run``.
 
+    Attributes:
+        given: the cell as it was named on the command line.
+    """
+
+    given: str
     cell: LoadedCell
     task: str | None
     options: RunOptions
@@ -43,6 +56,7 @@ class RunFlow:
     def start(self) -> RunResult:
         """Plan and run."""
         self._refuse_step_without_terminal()
+        refuse_in_use(self.cell)
         check_writable(self.options.out, needed_bytes=_SMALL_RUN_BYTES)
         setting, plan = self._planned()
         result = start_run(setting, plan, self.options, self._watcher())
@@ -60,9 +74,10 @@ class RunFlow:
 
     def dry_run(self, as_json: bool) -> int:
         """Plan and check; nothing moves, nothing is kept."""
+        refuse_in_use(self.cell)
         setting, plan = self._planned()
         require_runnable(setting, plan, partial=self.options.partial)
-        document = dry_run(setting, plan)
+        document = dry_run(setting, plan, phase)
         print_run(document)
         if as_json:
             print_model(document)
@@ -82,8 +97,7 @@ class RunFlow:
         if result.log_error is not None:
             tell_warning(f"the log is incomplete: {result.log_error}")
         try:
-            with stages() as tell:
-                tell("drawing the report")
+            with stages("drawing the report"):
                 page = write_report_if_possible(result)
         except KeyboardInterrupt:
             console().print("no report: stopped by the operator")
@@ -103,13 +117,17 @@ class RunFlow:
         tell_warning(f"no report: {error}", hint=hint)
 
     def _watcher(self) -> Watcher:
-        return Watcher(self._allow, self._follow, _show, self._tell_end)
+        return Watcher(
+            self._allow, self._follow, _show, self._tell_end, _tell_rest, phase
+        )
 
     def _tell_end(self, folder: RunFolder, outcome: RunOutcome) -> None:
-        """Before anything is drawn: what may still be moving cannot wait."""
+        """Before anything else: what may still be moving cannot wait."""
         error = early_end(self.cell, folder, outcome)
         if error is not None:
-            tell_error(error, moving=outcome.may_still_move)
+            name_cell(error, self.given)
+            tell_error(error)
+            phase("looking whether arm and lens stand")
 
     def _allow(self, motion: Motion) -> bool:
         return allow_motion(motion, yes=self.yes)
@@ -145,23 +163,26 @@ def early_end(
     if outcome.reason == "completed":
         return None
     command = _resume_command(cell, folder)
-    if outcome.reason == "aborted":
-        return StoppedByOperator(
-            "stopped by the operator", hint=f"go on with: {command}"
-        )
     error = outcome.error
-    if isinstance(error, MvpCellError):
-        if command not in error.hint:
-            first = f"{error.hint}; then " if error.hint else ""
-            error.hint = f"{first}go on with: {command}"
-        return error
-    return None
+    if outcome.reason == "aborted":
+        error = StoppedByOperator("stopped by the operator")
+    if not isinstance(error, MvpCellError):
+        return None
+    if command not in error.hint:
+        first = f"{error.hint}; then " if error.hint else ""
+        error.hint = f"{first}go on with: {command}"
+    error.may_still_move, error.stands = outcome.may_still_move, outcome.stands
+    return error
 
 
 def _resume_command(cell: LoadedCell, folder: RunFolder) -> str:
     return resume_command(
         folder.path, cell.source.path, accept_calibration=cell.accept_calibration
     )
+
+
+def _tell_rest(outcome: RunOutcome) -> None:
+    tell_rest(stands=outcome.stands, moving=outcome.may_still_move)
 
 
 def _show(status: RunStatus) -> None:

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from mvp.cli.options import JsonOption
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+    from mvp.cell.documents import RunSummary
 
 
 def runs(
@@ -18,29 +25,34 @@ def runs(
     as_json: JsonOption = False,
 ) -> int:
     """List the runs kept in a folder."""
-    from rich.table import Column, Table
-
     from mvp.cell.documents import RunsDocument
     from mvp.cell.run_list import summaries
     from mvp.cli.output import console, print_model
 
     found = summaries(out)
-    table = Table(
-        Column("run", overflow="fold"), "cell", "task", "part", "status", "views"
-    )
-    for run in found:
-        views = f"{run.verified} of {run.views} verified"
-        if run.status in ("broken off", "running"):
-            views = f"{run.captured} of {run.views} captured"
-        table.add_row(run.run_id, run.cell, run.task, run.part_id, run.status, views)
     lines = console()
     if found:
-        lines.print(table)
+        _list(lines, found)
         for run in found:
             if run.resume:
                 lines.print(f"go on with: {run.resume}", markup=False)
     else:
-        lines.print(f"no runs in {out}")
+        lines.print(f"no runs in {out}", markup=False)
     if as_json:
         print_model(RunsDocument(runs=found))
     return 0
+
+
+def _list(lines: Console, found: Sequence[RunSummary]) -> None:
+    """One line each, never wrapped: an id that is cut cannot be copied."""
+    rows = [("run", "status", "views", "cell")]
+    for run in found:
+        done, count = "verified", run.verified
+        if run.status in ("broken off", "running"):
+            done, count = "captured", run.captured
+        views = f"{count} of {run.views} {done}" if run.views else ""
+        rows.append((run.run_id, run.status, views, run.cell))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        padded = (f"{text:<{width}}" for text, width in zip(row, widths, strict=True))
+        lines.print("  ".join(padded).rstrip(), markup=False)

@@ -28,9 +28,9 @@ def simulate(
         ),
     ] = False,
 ) -> int:
-    """Start the far ends of a simulated cell; says READY and where they listen.
+    """Start the far ends of a simulated cell, until Ctrl-C.
 
-    Other commands on the same cell use them until Ctrl-C ends it.
+    Says READY and where they listen. Other commands on the same cell use them until Ctrl-C ends it.
     """
     from mvp.cell.loading import load_cell, load_task
     from mvp.cell.simulation_host import found_by_others, hosted

@@ -9,14 +9,20 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from mvp.cell.report.measured import Measured, measured_in
-from mvp.cell.wording import chance_text, error_text
+from mvp.cell.wording import chance_text, error_text, kept_text, spread_text
 from mvp.kinematics import ARM_MODELS, arm_model
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mvp.cell.run_document import RunDocument, ViewDocument
-    from mvp.planning.plan import Margin, NotCovered, Plan, PlannedView
+    from mvp.planning.plan import (
+        KeptProbability,
+        Margin,
+        NotCovered,
+        Plan,
+        PlannedView,
+    )
 
 FULL_SIGMAS = 20.0
 WARN_SIGMAS = 3.0
@@ -115,8 +121,16 @@ def page_of(plan: Plan, run: RunDocument) -> Page:
         views=views,
         not_covered=run.not_covered,
         provenance=_provenance(plan, run),
-        notes=[*plan.notes, *([run.may_still_move] if run.may_still_move else [])],
+        notes=[*plan.notes, *_rest(run)],
     )
+
+
+def _rest(run: RunDocument) -> list[str]:
+    """What moved and what stood when the run ended early."""
+    moving = f"under way as the run ended: {run.may_still_move}"
+    stands = f"seen to stand a moment later: {run.stands}"
+    told = ((moving, run.may_still_move), (stands, run.stands))
+    return [text for text, known in told if known]
 
 
 def _headline(run: RunDocument) -> str:
@@ -254,7 +268,22 @@ def _tolerance(view: PlannedView) -> list[tuple[str, str]]:
     if view.failure_probability is not None:
         chance = chance_text(view.failure_probability)
         rows.append(("chance of failing", chance))
+    if view.probability is not None:
+        rows += _probability(view.probability)
     return rows
+
+
+def _probability(found: KeptProbability) -> list[tuple[str, str]]:
+    rows = [
+        (f"{kind.replace('_', ' ')} holds", kept_text(kept))
+        for kind, kept in found.each.items()
+        if kept < 1
+    ]
+    return [
+        *rows,
+        ("everything holds", kept_text(found.together)),
+        ("camera within, in 95 %", spread_text(found.spread)),
+    ]
 
 
 def _joint_units(run: RunDocument) -> tuple[str, ...]:
