@@ -115,7 +115,7 @@ class GrblWire:
             lines = self._session.request_until(
                 b"$I\n",
                 listing("[VER", self._name),
-                timeout_s=self._config.answer_s,
+                timeout_s=min(self._config.answer_s, _GREETING_S),
                 patience_s=self._config.identify_s,
             )
             found = identity_of(lines, self._config, self._name)

@@ -36,6 +36,7 @@ _OK = re.compile(r"ok\b")
 _PLACE = re.compile(r"([XYZABCUVW]):(-?\d+(?:\.\d+)?)")
 _RESEND = re.compile(r"Resend:\s*(\d+)")
 _SENT_AGAIN = 3
+_GREETING_S = 1.0  # a board that is still starting swallows the question
 _QUICK_STOP_S = 10.0
 _NOBODY = "cede2a2f-41a2-4748-9b12-c55c62f367ff"  # of boards that got no name
 
@@ -106,7 +107,7 @@ class MarlinWire:
             lines = self._session.request_until(
                 b"M115\n",
                 self._listing(),
-                timeout_s=self._config.answer_s,
+                timeout_s=min(self._config.answer_s, _GREETING_S),
                 patience_s=self._config.identify_s,
             )
         except DeviceTimeout as error:
