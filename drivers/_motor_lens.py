@@ -164,8 +164,29 @@ class MotorLens:
         Raises:
             LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
         """
-        self._require_link()
         targets: Steps = {"zoom": zoom, "focus": focus, "iris": iris}
+        return self._moved(targets, timeout_s, straight=False)
+
+    def move_steps_straight(
+        self, *, zoom: int, focus: int, iris: int, timeout_s: float
+    ) -> LensState:
+        """Move every axis straight there, whatever side that is from.
+
+        Raises:
+            LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
+        """
+        targets: Steps = {"zoom": zoom, "focus": focus, "iris": iris}
+        return self._moved(targets, timeout_s, straight=True)
+
+    def stop(self) -> None:
+        """Stop what can be stopped now, from any thread; no further motion is sent."""
+        self._link.interrupt()
+        if self._link.is_open and not self._controller.session.is_lost:
+            self._controller.stop()
+
+    def _moved(self, targets: Steps, timeout_s: float, *, straight: bool) -> LensState:
+        """Drive to the targets, straight or with a run-up from the table's side."""
+        self._require_link()
         axes = self._controller.axes
         axes.check(targets)
         deadline = Deadline(self._clock, timeout_s)
@@ -175,15 +196,10 @@ class MotorLens:
                 raise not_homed(self.name)
             legs = axes.legs(steps_of(before), targets)
             axes.disengage()
-            self._controller.move(legs, targets, deadline)
-            axes.engage()
+            self._controller.move((targets,) if straight else legs, targets, deadline)
+            if not straight:
+                axes.engage()
         return self.state()
-
-    def stop(self) -> None:
-        """Stop what can be stopped now, from any thread; no further motion is sent."""
-        self._link.interrupt()
-        if self._link.is_open and not self._controller.session.is_lost:
-            self._controller.stop()
 
     def _require_link(self) -> None:
         """A controller that is asked nothing would not notice that it is gone."""

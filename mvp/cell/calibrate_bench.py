@@ -15,6 +15,7 @@ import numpy as np
 
 from mvp.cell.arrival import arrival_tolerance
 from mvp.cell.standstill import UnderWay
+from mvp.devices import DrivesStraight
 from mvp.errors import DeviceFault, InfeasibleError, MotionStopped
 from mvp.geometry import Box, Pose, box_mesh
 from mvp.imaging.printed_target import extent_mm
@@ -29,9 +30,11 @@ from mvp.kinematics import (
 from mvp.wizard import Refusal, Shot, Stand, Way
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mvp.cell.engine import CellDevices
     from mvp.cell.plan_job import Setting
-    from mvp.devices import ArmState, Frame, LensState
+    from mvp.devices import ArmState, Frame, Lens, LensState
     from mvp.geometry import FloatArray, TriangleMesh
     from mvp.kinematics import ArmModel, CellBodies
     from mvp.wizard import SessionFacts
@@ -81,6 +84,7 @@ class CellBench:
         self._exposure_s = _FIRST_GUESS_S
         self._asked_joints: FloatArray | None = None
         self._asked_steps: dict[str, int] | None = None
+        self._engaged_steps: dict[str, int] | None = None
         self._standing_s = {"arm": 0.0, "lens": 0.0}
 
     @property
@@ -204,7 +208,14 @@ class CellBench:
         self._settle("arm", self._setting.cell.config.settle.arm_s)
         return _stand(state)
 
-    def set_lens(self, *, zoom: int, focus: int, iris: int) -> None:
+    @property
+    def drives_straight(self) -> bool:
+        """The lens can be driven without a run-up."""
+        return isinstance(self.devices.lens, DrivesStraight)
+
+    def set_lens(
+        self, *, zoom: int, focus: int, iris: int, straight: bool = False
+    ) -> None:
         """Set the lens and let it settle; see ``Bench``."""
         lens = self.devices.lens
         wanted = {"zoom": zoom, "focus": focus, "iris": iris}
@@ -213,15 +224,15 @@ class CellBench:
         if not state.homed:
             with self.under_way.moving("the lens, homing", _LENS_TIMEOUT_S):
                 lens.home(timeout_s=_LENS_TIMEOUT_S)
-        elif state.steps() == wanted == self._asked_steps:
+        elif not straight and state.steps() == wanted == self._engaged_steps:
             return
         self._go_on("lens")
         lens.check_steps(zoom=zoom, focus=focus, iris=iris)
+        move = _straight_move(lens) if straight else lens.move_steps
         with self.under_way.moving("the lens", _LENS_TIMEOUT_S):
-            state = lens.move_steps(
-                zoom=zoom, focus=focus, iris=iris, timeout_s=_LENS_TIMEOUT_S
-            )
+            state = move(zoom=zoom, focus=focus, iris=iris, timeout_s=_LENS_TIMEOUT_S)
         self._asked_steps = wanted
+        self._engaged_steps = None if straight else wanted
         self._check_lens(state)
         self._settle("lens", self._setting.cell.config.settle.lens_s)
 
@@ -329,6 +340,21 @@ class CellBench:
             settled=arm.standing and lens.standing,
             frame_id=frame.frame_id,
         )
+
+
+def _straight_move(lens: Lens) -> Callable[..., LensState]:
+    """How a lens is driven without a run-up.
+
+    Raises:
+        DeviceFault: it cannot be.
+    """
+    if not isinstance(lens, DrivesStraight):
+        raise DeviceFault(
+            "cannot be driven without a run-up",
+            device=lens.name,
+            hint="its driver must offer move_steps_straight",
+        )
+    return lens.move_steps_straight
 
 
 def _factor(level: float) -> float:

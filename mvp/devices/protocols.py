@@ -286,6 +286,24 @@ class Approaching(Protocol):
 
 
 @runtime_checkable
+class DrivesStraight(Protocol):
+    """A lens that can be driven without a run-up, so that its backlash can be measured."""
+
+    def move_steps_straight(
+        self, *, zoom: int, focus: int, iris: int, timeout_s: float
+    ) -> LensState:
+        """Move every axis straight there, from whatever side the motors are on.
+
+        The glass may then stand elsewhere than after ``move_steps``; the next
+        ``move_steps`` takes the play up again.
+
+        Raises:
+            LimitError, DeviceTimeout, DeviceFault, MotionStopped: see ``move_steps``.
+        """
+        ...
+
+
+@runtime_checkable
 class Thermometer(Protocol):
     """A device that knows how warm it is; not every one does."""
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.devices import DrivesStraight
 from mvp.geometry import Pose
 from mvp.kinematics import arm_model, inverse
 from mvp.wizard import Refusal, SessionFacts, Shot, Stand, Way
@@ -13,7 +14,7 @@ from mvp.wizard import Refusal, SessionFacts, Shot, Stand, Way
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mvp.devices import Frame, Side
+    from mvp.devices import Frame
     from mvp.geometry import FloatArray, TriangleMesh
     from mvp.kinematics import ArmModel
     from mvp.testing.virtual_cell import VirtualCell
@@ -73,6 +74,11 @@ class VirtualBench:
         """Randomness of the session's seed and a number."""
         return np.random.default_rng([self._facts.seed, number])
 
+    @property
+    def drives_straight(self) -> bool:
+        """The lens can be driven without a run-up."""
+        return isinstance(self._cell.lens, DrivesStraight)
+
     def standing(self) -> Stand:
         """Where the arm stands now."""
         state = self._cell.arm.state()
@@ -105,14 +111,15 @@ class VirtualBench:
         return self.standing()
 
     def set_lens(
-        self, *, zoom: int, focus: int, iris: int, side: Side | None = None
+        self, *, zoom: int, focus: int, iris: int, straight: bool = False
     ) -> None:
         """Set the lens."""
+        lens = self._cell.lens
         steps = {"zoom": zoom, "focus": focus, "iris": iris}
-        if side is None:
-            self._cell.lens.move_steps(**steps, timeout_s=_TIMEOUT_S)
+        if straight and isinstance(lens, DrivesStraight):
+            lens.move_steps_straight(**steps, timeout_s=_TIMEOUT_S)
         else:
-            self._cell.lens.move_steps_from(side, **steps, timeout_s=_TIMEOUT_S)
+            lens.move_steps(**steps, timeout_s=_TIMEOUT_S)
 
     def shoot(self, exposure_s: float | None = None) -> Shot:
         """One picture; see ``mvp.wizard.Bench``."""

@@ -116,6 +116,11 @@ class Bench(Protocol):
         """Randomness that is the same whenever it is asked for with this number."""
         ...
 
+    @property
+    def drives_straight(self) -> bool:
+        """The lens can be driven without a run-up."""
+        ...
+
     def standing(self) -> Stand:
         """Where the arm stands now."""
         ...
@@ -142,10 +147,19 @@ class Bench(Protocol):
         """
         ...
 
-    def set_lens(self, *, zoom: int, focus: int, iris: int) -> None:
+    def set_lens(
+        self, *, zoom: int, focus: int, iris: int, straight: bool = False
+    ) -> None:
         """Set the lens, arriving from the side of the lens table, and let it settle.
 
         A lens that is not homed is homed first.
+
+        Args:
+            zoom: motor steps.
+            focus: motor steps.
+            iris: motor steps.
+            straight: without a run-up, from wherever the motors are, so that backlash
+                can be measured; only where ``drives_straight``.
 
         Raises:
             DeviceError: refused, failed, stopped, or not where it was sent.
