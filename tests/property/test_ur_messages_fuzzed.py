@@ -61,6 +61,7 @@ def test_any_status_is_one_or_implausible(good, name, value):
 
 
 @pytest.mark.full
+@pytest.mark.timeout(3600)
 @given(st.binary(max_size=200))
 @settings(max_examples=100_000, deadline=None)
 def test_any_line_is_a_message_or_unreadable_at_length(line):
@@ -68,6 +69,7 @@ def test_any_line_is_a_message_or_unreadable_at_length(line):
 
 
 @pytest.mark.full
+@pytest.mark.timeout(3600)
 @given(STATUS, st.sampled_from(sorted(Status.__dataclass_fields__)), JSON)
 @settings(max_examples=100_000, deadline=None)
 def test_any_status_is_one_or_implausible_at_length(good, name, value):

@@ -61,6 +61,7 @@ def test_garbage(lines: list[bytes]) -> None:
 
 
 @pytest.mark.full
+@pytest.mark.timeout(3600)
 @given(_LINES)
 @settings(max_examples=100_000, deadline=None)
 def test_much_garbage(lines: list[bytes]) -> None:

@@ -400,6 +400,7 @@ def test_nonsense_does_not_upset_it(profile: str, chunks: list[bytes]) -> None:
 
 
 @pytest.mark.full
+@pytest.mark.timeout(3600)
 @given(_PROFILES, _CHUNKS)
 @settings(max_examples=100_000, deadline=None)
 def test_much_nonsense_does_not_upset_it(profile: str, chunks: list[bytes]) -> None:
