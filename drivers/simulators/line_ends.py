@@ -6,15 +6,14 @@ import errno
 import os
 import pty
 import select
-import shutil
 import socket
 import struct
-import tempfile
 import time
 import tty
 from contextlib import suppress
-from pathlib import Path
 from typing import Protocol
+
+from drivers.simulators.leftovers import OwnFolder
 
 LOOPBACK = "127.0.0.1"
 _CHUNK = 4096
@@ -66,8 +65,8 @@ class PtyEnd:
     """
 
     def __init__(self, name: str) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix="mvp-cell-"))
-        self._link = self._folder / name
+        self._folder = OwnFolder()
+        self._link = self._folder.path / name
         self._master = -1
 
     @property
@@ -105,7 +104,7 @@ class PtyEnd:
     def close(self) -> None:
         """Take the link away, too."""
         self.pull_out()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._folder.remove()
 
     def receive(self, timeout_s: float) -> bytes:
         """What the host sent."""

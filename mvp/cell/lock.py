@@ -131,18 +131,17 @@ def _lock_patiently(file: FileIO) -> bool:
     return False
 
 
-def remove_dead(path: Path) -> bool:
-    """Remove a lock file that nobody holds; whether it is gone."""
-    try:
-        file = path.open("r+b", buffering=0)
-    except OSError:
-        return not path.exists()
-    with file:
-        if not try_lock(file) or not _is_at(path, file):
-            return False
-        with suppress(OSError):
-            path.unlink()
-    return not path.exists()
+def remove_dead() -> None:
+    """Remove what dead processes have left in the private folder: locks, announcements.
+
+    Raises:
+        OutputError: that folder is not the user's own.
+    """
+    for path in private_folder().glob(".*.lock"):
+        with suppress(OSError), path.open("r+b", buffering=0) as file:
+            if try_lock(file) and _is_at(path, file):
+                path.with_suffix(".json").unlink(missing_ok=True)
+                path.unlink()
 
 
 def _say_who(path: Path, file: FileIO, holder: dict[str, object]) -> None:

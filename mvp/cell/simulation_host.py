@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.cell.durable import output_error
-from mvp.cell.lock import cell_lock
+from mvp.cell.lock import cell_lock, remove_dead
 from mvp.cell.plan_job import prepare
 from mvp.cell.simulation import (
     SimulatedDevice,
@@ -74,6 +74,7 @@ def found_by_others(cell: LoadedCell, simulation: Simulation) -> Iterator[None]:
         RecordError: another simulation of this cell is running.
         OutputError: the announcement cannot be written.
     """
+    remove_dead()
     place = announcement(cell.source.path)
     with cell_lock(simulation_lock(cell.source.path), run_id="simulate"):
         text = simulation.model_dump_json(by_alias=True)

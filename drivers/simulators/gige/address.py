@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import socket
 import time
@@ -10,11 +9,14 @@ from pathlib import Path
 from tempfile import gettempdir
 from typing import TYPE_CHECKING
 
+from drivers.simulators.leftovers import is_at, lock, remove_dead_locks
+
 if TYPE_CHECKING:
-    from io import BufferedWriter
+    from io import BufferedRandom
 
 GVCP_PORT = 3956
 BIRTHPLACE = "127.0.0.1"
+_LOCKS = "mvp-cell-gige-*.lock"
 _POLL_S = 0.05
 _LAST = 254
 
@@ -34,8 +36,8 @@ class AddressLock:
     def __init__(self, host: str, wait_s: float) -> None:
         self._host = host
         self._wait_s = wait_s
-        self._path = Path(gettempdir()) / f"mvp-cell-gige-{host}.lock"
-        self._file: BufferedWriter | None = None
+        self._path = Path(gettempdir()) / _LOCKS.replace("*", host)
+        self._file: BufferedRandom | None = None
 
     def take(self) -> None:
         """Wait for the address.
@@ -43,8 +45,8 @@ class AddressLock:
         Raises:
             CameraProblem: it is still in use.
         """
+        remove_dead_locks(_LOCKS)
         until_s = time.monotonic() + self._wait_s
-        self._file = self._path.open("ab")
         while not (self._locked() and self._free()):
             if time.monotonic() > until_s:
                 self.release()
@@ -53,18 +55,23 @@ class AddressLock:
 
     def release(self) -> None:
         """Let others have it; safe to repeat."""
-        if self._file is not None:
-            self._file.close()
-        self._file = None
+        file, self._file = self._file, None
+        if file is None:
+            return
+        if is_at(self._path, file):
+            self._path.unlink(missing_ok=True)
+        file.close()
 
     def _locked(self) -> bool:
-        if self._file is None:
-            return False
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        return True
+        """Hold the file that has this name now; its last holder has removed its own."""
+        if self._file is not None:
+            return True
+        file = self._path.open("a+b")
+        if lock(file) and is_at(self._path, file):
+            self._file = file
+            return True
+        file.close()
+        return False
 
     def _free(self) -> bool:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
