@@ -247,7 +247,7 @@ class GantryArm:
         for words, act in self._wire.reset_steps():
             yield RecoveryStep(words, acknowledge=True, act=act)
         if not self._homed:
-            yield homing_step(self.homing(), self._home_for_person)
+            yield homing_step(self._homing_or_nothing(), self._home_for_person)
 
     # ------------------------------------------------------------ inside
 
@@ -255,6 +255,13 @@ class GantryArm:
     def _declared(self) -> list[str]:
         """Letters of the axes that nothing measures."""
         return [a.letter for a in self._config.axes if a.home == "declared"]
+
+    def _homing_or_nothing(self) -> Homing:
+        """For words alone: homing itself looks again."""
+        try:
+            return self.homing()
+        except DeviceError:
+            return Homing("The axes go to their switches: nothing may be in their way.")
 
     def _home_for_person(self) -> str:
         self.home(timeout_s=self._config.homing_s)

@@ -8,7 +8,13 @@ from mvp.testing.conformance_arm import ArmConformance
 from mvp.testing.conformance_camera import CameraConformance
 from mvp.testing.conformance_lens import LensConformance
 from mvp.testing.far_end import FarEnd
-from mvp.testing.require import meanwhile, refuses, require, wait_until
+from mvp.testing.require import (
+    meanwhile,
+    nothing_in_the_way,
+    refuses,
+    require,
+    wait_until,
+)
 from mvp.testing.virtual_cell import VirtualCell, block, example_belief, virtual_cell
 
 __all__ = [
@@ -21,6 +27,7 @@ __all__ = [
     "block",
     "example_belief",
     "meanwhile",
+    "nothing_in_the_way",
     "refuses",
     "require",
     "virtual_cell",

@@ -10,10 +10,10 @@ import pytest
 from drivers.arm_gantry import GantryArm
 from drivers.simulators.grbl import GrblSimulator
 from drivers.simulators.marlin import MarlinSimulator
-from mvp.devices import Arm, DeviceContext, Homable
+from mvp.devices import Arm, DeviceContext
 from mvp.errors import LimitError, MotionStopped
 from mvp.testing import ArmConformance
-from mvp.testing.require import meanwhile
+from mvp.testing.require import meanwhile, nothing_in_the_way
 
 FAST = 20.0
 LINEAR = {"speed": 3000, "acceleration": 8000}
@@ -76,9 +76,9 @@ class OnASimulatedGantry(ArmConformance):
     @contextmanager
     def at_first_target(self) -> Iterator[Arm]:
         with self.device() as arm:
-            assert isinstance(arm, Homable)
+            assert isinstance(arm, GantryArm)
             if not arm.homed:
-                arm.home(timeout_s=60)
+                arm.home(timeout_s=60, clear=nothing_in_the_way)
             arm.move_joints(self.targets()[0], timeout_s=60)
             yield arm
 
@@ -107,7 +107,7 @@ class TestMarlin(OnASimulatedGantry):
         """A quick stop may lose steps: nothing moves until it is homed again."""
         first, second = self.targets()
         with self.device() as arm:
-            arm.home(timeout_s=60)
+            arm.home(timeout_s=60, clear=nothing_in_the_way)
             arm.move_joints(first, timeout_s=60)
             result = meanwhile(
                 lambda: arm.move_joints(second, speed_fraction=0.01, timeout_s=60),
@@ -119,5 +119,5 @@ class TestMarlin(OnASimulatedGantry):
             assert not arm.homed
             with pytest.raises(LimitError):
                 arm.move_joints(first, timeout_s=60)
-            arm.home(timeout_s=60)
+            arm.home(timeout_s=60, clear=nothing_in_the_way)
             self._same_place(arm.move_joints(first, timeout_s=60), first)

@@ -5,17 +5,24 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
+import numpy as np
 import pytest
 
-from mvp.cell.homing import home_arm, is_homed
+from mvp.cell.homing import home_arm, homing_of, is_homed
+from mvp.cell.jog_job import Jogger
+from mvp.cell.jog_words import Plain
 from mvp.cell.session import Motion
 from mvp.cli import ask as asking
-from mvp.devices import DeviceInfo, Homable
-from mvp.errors import DeviceFault
+from mvp.devices import DeclaresAxes, DeviceInfo, Homable, Homing
+from mvp.errors import DeviceFault, LimitError, UsageError
+from mvp.geometry import Box
+from mvp.kinematics import Capsule, CellBodies, Gantry, obstacles
 
 if TYPE_CHECKING:
     from mvp.cell.engine import CellDevices
-    from mvp.devices import Device
+    from mvp.cell.plan_job import Setting
+    from mvp.devices import Arm, Device
+    from mvp.devices.protocols import ClearWay
 
 
 class Slides:
@@ -63,13 +70,133 @@ def test_everything_is_stopped_when_homing_fails() -> None:
     assert stops == ["stopped"]
 
 
+class Head(Slides):
+    """As much of an arm with a declared axis as homing sees."""
+
+    def __init__(self, start: tuple[float, ...], marks: tuple[float, ...]) -> None:
+        super().__init__()
+        self.driven: list[tuple[float, ...]] = []
+        self._way = start, marks
+
+    def homing(self) -> Homing:
+        return Homing("X, Y and Z go to their switches.", ("A",))
+
+    def home(self, *, timeout_s: float, clear: ClearWay | None = None) -> None:
+        if clear is None:
+            raise DeviceFault("nobody can say", device=self.name)
+        clear(*self._way)
+        self.driven.append(self._way[1])
+        self.homed = True
+
+
+UP = (0.0, 0.0, 500.0, 0.0, 0.0)
+TILTED = (0.0, 0.0, 500.0, 0.0, 1.5)
+
+
+def bodies_with(low: tuple[float, ...], high: tuple[float, ...]) -> CellBodies:
+    """A gantry with a camera of 150 mm, and one box in its cell."""
+    camera = Capsule("camera", np.array([0, 0, 20.0]), np.array([0, 0, 150.0]), 30.0)
+    box = obstacles(None, (), [("clamp", Box(np.array(low), np.array(high)))])
+    return CellBodies(Gantry(), (camera,), box)
+
+
+def test_the_head_goes_back_to_its_marks_along_a_way_that_is_clear() -> None:
+    arm = Head(TILTED, UP)
+    assert isinstance(arm, DeclaresAxes)
+    home_arm(cell_of(arm, []), bodies_with((400, 400, 0), (500, 500, 100)), 5.0)
+    assert arm.driven == [UP]
+
+
+def test_the_head_is_not_driven_against_what_stands_in_its_way() -> None:
+    arm, stops = Head(TILTED, UP), []
+    # Straight and tilted it is clear; half-way down it would meet the clamp.
+    clamp = bodies_with((-50, -200, 340), (50, -110, 440))
+    assert clamp.nearest(np.array(TILTED)).distance_mm > 5
+    assert clamp.nearest(np.array(UP)).distance_mm > 5
+    with pytest.raises(LimitError, match=r"camera would come within .* of clamp"):
+        home_arm(cell_of(arm, stops), clamp, 5.0)
+    assert arm.driven == []
+    assert not arm.homed
+    assert stops == ["stopped"]
+
+
+def test_nothing_is_driven_where_nothing_is_known_of_the_cell() -> None:
+    arm = Head(TILTED, UP)
+    with pytest.raises(DeviceFault, match="nobody can say"):
+        home_arm(cell_of(arm, []))
+    assert not arm.driven
+
+
+def asked_about(
+    motion: Motion, monkeypatch: pytest.MonkeyPatch, answer: str = "y"
+) -> bool:
+    monkeypatch.setattr(asking, "terminal", lambda: True)
+    monkeypatch.setattr(asking, "ask", lambda question: answer)
+    return asking.allow_motion(motion, yes=False)
+
+
+def a_motion(homing: Homing | None) -> Motion:
+    info = DeviceInfo("arm", "gantry", "G", "1", "1", simulated=False)
+    return Motion("cell", 3, {"arm": info}, homing)
+
+
 @pytest.mark.parametrize("homes", [True, False])
-def test_the_question_says_that_the_arm_will_be_homed(
+def test_the_question_says_what_homing_moves_where(
     homes: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(asking, "terminal", lambda: True)
-    monkeypatch.setattr(asking, "ask", lambda question: "y")
-    info = DeviceInfo("arm", "gantry", "G", "1", "1", simulated=False)
-    assert asking.allow_motion(Motion("cell", 3, {"arm": info}, homes=homes), yes=False)
+    arm = cast("Arm", Head(TILTED, UP)) if homes else cast("Arm", SimpleNamespace())
+    assert asked_about(a_motion(homing_of(arm)), monkeypatch)
     told = " ".join(capsys.readouterr().err.split())
-    assert ("to their references" in told) is homes
+    assert ("X, Y and Z go to their switches" in told) is homes
+
+
+@pytest.mark.parametrize("answer", ["", "n", "no", "maybe", "yse", "j"])
+def test_nothing_but_yes_allows_it(
+    answer: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motion = a_motion(Homing("It moves."))
+    assert not asked_about(motion, monkeypatch, answer)
+
+
+def test_yes_on_the_command_line_cannot_say_where_an_axis_stands() -> None:
+    assert asking.allow_motion(a_motion(Homing("It moves.")), yes=True)
+    with pytest.raises(UsageError, match="A of cell are counted away"):
+        asking.allow_motion(a_motion(Homing("It moves.", ("A",))), yes=True)
+
+
+def jogger_of(arm: Slides, simulated: frozenset[str] = frozenset()) -> Jogger:
+    lens = SimpleNamespace(home=lambda timeout_s: SimpleNamespace(steps=dict))
+    devices = SimpleNamespace(
+        arm=arm, lens=lens, simulated_roles=simulated, stop=lambda: None
+    )
+    setting = SimpleNamespace(
+        arm=SimpleNamespace(
+            bodies=bodies_with((400, 400, 0), (500, 500, 100)), clearance_mm=5.0
+        )
+    )
+    jogger = Jogger(
+        cast("Setting", setting),
+        cast("CellDevices", devices),
+        lambda path, frame: None,
+        lambda frame: None,
+        0.1,
+    )
+    jogger._lens_text = lambda steps: "homed"  # type: ignore[method-assign]  # noqa: SLF001
+    return jogger
+
+
+def test_jogging_homes_only_when_told_twice_what_it_would_move() -> None:
+    arm = Head(TILTED, UP)
+    jogger = jogger_of(arm)
+    with pytest.raises(UsageError, match="switches") as refused:
+        jogger.do(Plain("home"))
+    assert "again" in refused.value.hint
+    assert not arm.homed
+    jogger.do(Plain("home"))
+    assert arm.homed
+
+
+def test_a_simulated_arm_is_homed_at_once() -> None:
+    arm = Head(TILTED, UP)
+    jogger_of(arm, frozenset({"arm"})).do(Plain("home"))
+    assert arm.homed

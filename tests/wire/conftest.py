@@ -16,6 +16,7 @@ from drivers.simulators.marlin import MarlinSimulator
 from drivers.simulators.ur import UrSimulator, UrSimulatorConfig
 from mvp.devices import DeviceContext, RecordingTransport
 from mvp.devices.transport import recorded_link
+from mvp.testing import nothing_in_the_way
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -234,7 +235,7 @@ class GantryBench:
         """A driver that is open, homed, and stands at the start."""
         arm = self.arm(dump_folder, **keys)
         arm.open()
-        arm.home(timeout_s=60)
+        arm.home(timeout_s=60, clear=nothing_in_the_way)
         arm.move_joints(self.start, timeout_s=60)
         return arm
 

@@ -15,7 +15,7 @@ from mvp.errors import (
     LinkLost,
     MotionStopped,
 )
-from mvp.testing.require import meanwhile, refuses
+from mvp.testing.require import meanwhile, nothing_in_the_way, refuses
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,7 +34,7 @@ def test_it_moves_only_after_it_was_homed(gantry_bench: Make) -> None:
     arm = bench.arm()
     arm.open()
     refuses(LimitError, lambda: arm.move_joints(bench.start, timeout_s=5))
-    arm.home(timeout_s=60)
+    arm.home(timeout_s=60, clear=nothing_in_the_way)
     reached = arm.move_joints(bench.far, timeout_s=60)
     assert reached.joints == pytest.approx(bench.far, abs=1e-2)
     assert b"M502" not in bench.sent
@@ -116,7 +116,7 @@ def test_a_quick_stop_ends_a_move_and_loses_the_place(gantry_bench: Make) -> Non
     assert b"M410\n" in bench.tap.sent
     assert not bench.moving()
     assert not arm.homed
-    arm.home(timeout_s=60)
+    arm.home(timeout_s=60, clear=nothing_in_the_way)
     arm.move_joints(bench.start, timeout_s=60)
 
 
@@ -146,16 +146,18 @@ def test_a_board_that_halts(gantry_bench: Make, tmp_path: Path) -> None:
     arm = bench.arm(tmp_path)
     arm.open()
     bench.do("break", axis="X")
-    error = refuses(DeviceFault, lambda: arm.home(timeout_s=60))
+    error = refuses(
+        DeviceFault, lambda: arm.home(timeout_s=60, clear=nothing_in_the_way)
+    )
     assert "Homing Failed" in error.message
     assert ".wire.jsonl" in error.hint
-    refuses(DeviceFault, lambda: arm.home(timeout_s=60))
+    refuses(DeviceFault, lambda: arm.home(timeout_s=60, clear=nothing_in_the_way))
     bench.do("mend", axis="X")
     (first, *_) = list(arm.recovery())
     assert "switch it off and on" in first.text
     bench.do("power_cycle")
     first.act()
-    arm.home(timeout_s=60)
+    arm.home(timeout_s=60, clear=nothing_in_the_way)
 
 
 def test_unplugged_in_motion(gantry_bench: Make) -> None:
@@ -169,7 +171,7 @@ def test_unplugged_in_motion(gantry_bench: Make) -> None:
     arm.close()
     bench.do("replug")
     arm.open()
-    arm.home(timeout_s=60)
+    arm.home(timeout_s=60, clear=nothing_in_the_way)
 
 
 def test_the_power_fails_for_a_moment(gantry_bench: Make) -> None:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.simulators.control import ControlClient
-from mvp.devices import AXES, DeviceContext
+from mvp.devices import AXES, DeclaresAxes, DeviceContext
+from mvp.testing import nothing_in_the_way
 from tools.faults.devices import IMPOSTORS, MAKES
 
 if TYPE_CHECKING:
@@ -106,6 +107,8 @@ class ArmBench(Bench):
         for step in device.recovery():
             step.act()
         device.open()
+        if isinstance(device, DeclaresAxes) and not device.homed:
+            device.home(timeout_s=60, clear=nothing_in_the_way)
 
     def go(self, device: Any, target: tuple[float, ...], timeout_s: float) -> object:
         """Move there; slowly to ``far``."""
