@@ -1,0 +1,182 @@
+"""The result of a camera session, from its folder alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration.camera import calibrate_camera, held_out_errors_px
+from calibration.camera_uncertainty import projection_uncertainty
+from calibration.projection import CAMERA_NAMES
+from calibration.results import camera_calibration
+from calibration.verdict import Verdict
+from calibration.wizard.camera_views import result_options
+from calibration.wizard.comparison import compare_cameras
+from calibration.wizard.verification import HeldOutView, Verification
+from calibration.wizard.working import Setting
+from mvp.calibrated import Provenance, Validity
+from mvp.errors import CalibrationError
+from mvp.wizard import Outcome
+
+if TYPE_CHECKING:
+    from calibration.camera import CameraEstimate
+    from calibration.camera_uncertainty import ProjectionUncertainty
+    from calibration.observations import Observations
+    from calibration.wizard.comparison import Comparison
+    from calibration.wizard.session_store import SessionStore
+    from mvp.calibrated import CameraCalibration
+    from mvp.wizard import SessionFacts
+
+LENS_SETTING = "lens_setting"
+FEWEST = 3
+_NORMAL_95 = 1.96
+_RANGE_K = 5.0
+_WHAT = "where points are seen, by the other points of the same view,"
+
+
+def setting_of(store: SessionStore) -> Setting:
+    """The lens setting of all pictures of a session.
+
+    Raises:
+        CalibrationError: none was chosen.
+    """
+    known = store.recall(LENS_SETTING)
+    if not isinstance(known, list):
+        raise CalibrationError(
+            "this session ended before the lens was set",
+            hint="go on with --resume",
+            where=str(store.path),
+        )
+    zoom, focus, iris = (int(str(step)) for step in known)
+    return Setting(zoom, focus, iris)
+
+
+def outcome_of(store: SessionStore) -> Outcome:
+    """Camera, verdict and everything that the report shows.
+
+    Raises:
+        CalibrationError: too few usable views, or none gives a pose.
+    """
+    samples, setting = store.usable(), setting_of(store)
+    if len(samples) < FEWEST:
+        raise CalibrationError(
+            f"{len(samples)} usable view(s) cannot calibrate a camera",
+            hint=f"take at least {FEWEST}; go on with --resume",
+            where=str(store.path),
+        )
+    facts = store.facts
+    seen = store.observations(samples)
+    found = calibrate_camera(seen, result_options(facts))
+    held = _held_out(store, found)
+    causes = (*found.verdict.causes, *held.causes())
+    found = replace(found, verdict=Verdict(causes))
+    distance = setting.stand_off_mm(facts)
+    work = _on_the_work(found, seen, distance)
+    document = camera_calibration(
+        found,
+        sensor=facts.sensor,
+        provenance=_provenance(store, len(samples)),
+        error_95_mm=_NORMAL_95 * float(work.refitted_mm.max()) if work else None,
+        validity=_validity(facts),
+    )
+    compared = compare_cameras(facts.camera, document, distance_mm=distance)
+    return Outcome(
+        "camera",
+        document,
+        document.quality,
+        tuple(_lines(found, document, held, compared, distance)),
+        {
+            "result": found,
+            "seen": seen,
+            "verification": held,
+            "comparison": compared,
+            "distance_mm": distance,
+            "setting": setting,
+        },
+    )
+
+
+def _held_out(store: SessionStore, found: CameraEstimate) -> Verification:
+    """Views that had no part: half of their points foretell the other half."""
+    samples = store.usable("verification")
+    if not samples:
+        return Verification(_WHAT, ())
+    seen = store.observations(samples)
+    views = []
+    for number, name in enumerate(seen.names):
+        errors = held_out_errors_px(found.camera, seen.of_views([number]))
+        rms = float(np.sqrt((errors**2).sum(axis=1).mean()))
+        views.append(HeldOutView(name, rms, np.sqrt(2) * found.sigma_px, "px"))
+    return Verification(_WHAT, tuple(views))
+
+
+def _on_the_work(
+    found: CameraEstimate, seen: Observations, distance_mm: float
+) -> ProjectionUncertainty | None:
+    """None where the distortion folds over inside the picture."""
+    try:
+        return projection_uncertainty(
+            found.camera,
+            found.camera_covariance,
+            size_px=(seen.width_px, seen.height_px),
+            distance_mm=distance_mm,
+        )
+    except ValueError:
+        return None
+
+
+def _provenance(store: SessionStore, views: int) -> Provenance:
+    facts = store.facts
+    return Provenance(
+        date=facts.date,
+        device_serial=facts.serials.get("camera", ""),
+        method=f"{views} views of a target, chosen by what they tell",
+        simulated=facts.simulated,
+        input_sha256=store.sha256(),
+        temperature_c=facts.temperature_c,
+        origin="measured",
+        serial_numbers={
+            role: serial for role, serial in facts.serials.items() if role != "arm"
+        },
+    )
+
+
+def _validity(facts: SessionFacts) -> Validity:
+    if facts.temperature_c is None:
+        return Validity()
+    return Validity(
+        temperature_min_c=facts.temperature_c - _RANGE_K,
+        temperature_max_c=facts.temperature_c + _RANGE_K,
+    )
+
+
+def _lines(
+    found: CameraEstimate,
+    document: CameraCalibration,
+    held: Verification,
+    compared: Comparison,
+    distance_mm: float,
+) -> list[str]:
+    """In words and millimetres."""
+    sigma = dict(
+        zip(CAMERA_NAMES, np.sqrt(np.diag(found.camera_covariance)), strict=True)
+    )
+    pitch = document.pitch_x_um / 1000
+    camera = found.camera
+    lines = [
+        f"principal distance {pitch * camera.fx_px:.4f} +- "
+        f"{pitch * sigma['fx_px']:.4f} mm at this lens setting; principal point "
+        f"({camera.cx_px:.2f}, {camera.cy_px:.2f}) +- ({sigma['cx_px']:.2f}, "
+        f"{sigma['cy_px']:.2f}) px; k1 {camera.k1:.4f} +- {sigma['k1']:.4f}",
+        f"{len(found.view_names)} views; residual {found.rms_px:.3f} px, a coordinate is "
+        f"found to {found.sigma_px:.3f} px",
+    ]
+    if document.quality.error_95_mm is not None:
+        lines.append(
+            f"at {distance_mm:.0f} mm a point is known to "
+            f"{document.quality.error_95_mm:.3f} mm in the worst corner of the picture "
+            "(95 %)"
+        )
+    return [*lines, held.words, f"against the calibration before: {compared.words}"]
