@@ -50,6 +50,7 @@ class DeviceRecord(FileModel):
     serial: str
     firmware: str
     simulated: bool
+    extra: dict[str, str] = Field(default_factory=dict)
 
 
 class RunStarted(_Record):

@@ -12,16 +12,18 @@ from pydantic import Field
 from mvp.cell.beside import call_beside
 from mvp.cell.device_locks import devices_held
 from mvp.cell.hardware import close_all
+from mvp.cell.homing import HOMING_S, is_homed
 from mvp.cell.in_use import using_devices
 from mvp.cell.plan_job import prepare
 from mvp.cell.progress import Tell, unheard
 from mvp.cell.session import devices_for
+from mvp.cell.standstill import UnderWay, stopped_on_error
 from mvp.devices import Arm, Lens, Recoverable
 from mvp.errors import DeviceError, StoppedByOperator
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from mvp.cell.loading import LoadedCell, LoadedTask
     from mvp.devices import Device, RecoveryStep
@@ -31,6 +33,7 @@ _BY_HAND = {
     "lens": "switch its controller off and on, then `mvp-cell home CELL`",
     "camera": "unplug it and plug it in again, then `mvp-cell check CELL`",
 }
+_HOMES = "`mvp-cell home CELL` homes it; a run does so before the first view"
 _LOG = logging.getLogger(__name__)
 RECOVER_SCHEMA: Literal["mvp-cell/recover/1"] = "mvp-cell/recover/1"
 
@@ -45,8 +48,8 @@ class RecoveredStep(FileModel):
 class RecoveredDevice(FileModel):
     """One device after the walk.
 
-    ``recoverable``: it knows a way back of its own. ``ready``: nothing is left to do by
-    hand; otherwise ``detail`` says what is the matter and ``hint`` what to do.
+    ``recoverable``: it knows a way back of its own. ``ready``: nothing has to be done by
+    hand; ``detail`` says how it is and ``hint`` what to do about it.
     """
 
     name: str
@@ -83,78 +86,118 @@ class Guide:
 def recover_cell(
     cell: LoadedCell, task: LoadedTask, guide: Guide, tell: Tell = unheard
 ) -> RecoverDocument:
-    """Walk through every device that knows a way back, and ask the others how they are.
+    """Walk through every device that knows a way back, and ask all how they are.
 
     Raises:
-        DeviceError: a step did not have its effect.
+        DeviceError: a step did not have its effect; it says what stands.
         RecordError: another command uses the devices.
-        StoppedByOperator: a person did not agree to a step.
+        StoppedByOperator: a person did not agree to a step, or stopped it.
     """
     with ExitStack() as stack:
         stack.enter_context(using_devices(cell, who="recover"))
         tell(f"loading {task.part_file.name}")
         setting = prepare(cell, task)
-        built = stack.enter_context(devices_for(setting, tell))
-        devices: dict[str, Device] = {
-            "arm": built.arm,
-            "lens": built.lens,
-            "camera": built.camera,
-        }
-        stack.enter_context(devices_held(devices))
-        stack.callback(close_all, devices)
+        devices = stack.enter_context(devices_for(setting, tell))
+        stack.enter_context(devices_held(devices.by_role))
+        stack.callback(close_all, devices.by_role)
+        under_way = UnderWay()
+        stack.enter_context(stopped_on_error(devices, under_way, tell))
         done = []
-        for role, device in devices.items():
+        for role, device in devices.by_role.items():
             tell(f"asking the {role}")
-            done.append(recover_device(device, guide))
+            done.append(recover_device(device, guide, under_way))
     return RecoverDocument(cell=cell.config.name, devices=done)
 
 
-def recover_device(device: Device, guide: Guide) -> RecoveredDevice:
-    """Walk through one device; one that knows no way back is only asked how it is.
+def recover_device(
+    device: Device, guide: Guide, under_way: UnderWay | None = None
+) -> RecoveredDevice:
+    """Walk through one device, if it knows a way back, and ask how it is.
+
+    Args:
+        device: need not be open.
+        guide: the person.
+        under_way: told what a step may be moving.
 
     Raises:
         DeviceError, StoppedByOperator: as for ``recover_cell``.
     """
-    if not isinstance(device, Recoverable):
-        return _looked_at(device)
-    done = []
-    for step in device.recovery():
-        if not guide.agree(device.name, step):
-            raise StoppedByOperator(
-                f"the operator did not agree to this step of the {device.name}: "
-                f"{step.text}",
-                hint="`mvp-cell recover CELL` goes on from where it is",
-                where=device.name,
-            )
-        reached = call_beside(step.act, lambda: device.stop())
-        _LOG.info("%s: recovery: %s", device.name, reached)
-        guide.tell(device.name, reached)
-        done.append(RecoveredStep(text=step.text, reached=reached))
-    said = "ready again" if done else "ready, there was nothing to do"
+    knows_way = isinstance(device, Recoverable)
+    done: list[RecoveredStep] = []
+    try:
+        for step in _asked(device):
+            _confirm(device, step, guide)
+            with (under_way or UnderWay()).moving(f"the {device.role}", HOMING_S):
+                reached = call_beside(step.act, lambda: device.stop())
+            _LOG.info("%s: recovery: %s", device.name, reached)
+            guide.tell(device.name, reached)
+            done.append(RecoveredStep(text=step.text, reached=reached))
+        ready, detail, hint = _how_it_is(device, walked=bool(done))
+    except _CannotBeAsked as error:
+        why = error.why
+        ready, detail, hint = False, why.detail, why.hint or _BY_HAND[device.role]
     return RecoveredDevice(
-        name=device.name, recoverable=True, ready=True, detail=said, steps=done
+        name=device.name,
+        recoverable=knows_way,
+        ready=ready,
+        detail=detail,
+        hint=hint,
+        steps=done,
     )
 
 
-def _looked_at(device: Device) -> RecoveredDevice:
-    """How a device is that can only be brought back by hand."""
+class _CannotBeAsked(Exception):
+    """No answer; the other devices are asked nevertheless."""
+
+    def __init__(self, why: DeviceError) -> None:
+        super().__init__(why.detail)
+        self.why = why
+
+
+def _asked(device: Device) -> Iterator[RecoveryStep]:
+    """The steps of a device that knows some.
+
+    Raises:
+        _CannotBeAsked: it does not say what is the matter.
+    """
+    if not isinstance(device, Recoverable):
+        return
+    steps = device.recovery()
+    while True:
+        try:
+            step = next(steps, None)
+        except DeviceError as error:
+            raise _CannotBeAsked(error) from error
+        if step is None:
+            return
+        yield step
+
+
+def _confirm(device: Device, step: RecoveryStep, guide: Guide) -> None:
+    if not guide.agree(device.name, step):
+        raise StoppedByOperator(
+            f"the operator did not agree to this step of the {device.name}: {step.text}",
+            hint="`mvp-cell recover CELL` goes on from where it is",
+            where=device.name,
+        )
+
+
+def _how_it_is(device: Device, *, walked: bool) -> tuple[bool, str, str]:
+    """Whether a run could begin, how the device is, and what to do about it.
+
+    Raises:
+        _CannotBeAsked: it does not answer.
+    """
     try:
         device.open()
-        detail, ready = _state_of(device)
-        hint = "" if ready else _BY_HAND[device.role]
+        if isinstance(device, Arm):
+            fault = device.state().fault
+            if fault:
+                return False, fault, _BY_HAND["arm"]
+            if not is_homed(device):
+                return True, "answers, but is not homed", _HOMES
+        if isinstance(device, Lens) and not device.state().homed:
+            return True, "answers; not homed", _HOMES
     except DeviceError as error:
-        detail, ready = error.detail, False
-        hint = error.hint or _BY_HAND[device.role]
-    return RecoveredDevice(
-        name=device.name, recoverable=False, ready=ready, detail=detail, hint=hint
-    )
-
-
-def _state_of(device: Device) -> tuple[str, bool]:
-    """In words, and whether a run could begin."""
-    if isinstance(device, Arm):
-        fault = device.state().fault
-        return (fault, False) if fault else ("answers, and reports no fault", True)
-    if isinstance(device, Lens) and not device.state().homed:
-        return "answers; not homed, the next run homes it before it moves it", True
-    return "answers, nothing to do", True
+        raise _CannotBeAsked(error) from error
+    return True, "ready again" if walked else "ready, nothing to do", ""

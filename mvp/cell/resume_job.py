@@ -39,7 +39,7 @@ from mvp.cell.session import (
     device_records,
     write_document,
 )
-from mvp.cell.verification import Expectations, PictureVerifier
+from mvp.cell.verification import Expectations, PictureVerifier, declared_axes
 from mvp.errors import RecordError
 
 if TYPE_CHECKING:
@@ -165,7 +165,10 @@ def _verify_rest(
 ) -> list[Verified]:
     """Measure pictures that were taken but not yet judged."""
     done = {r.view for r in records if isinstance(r, Verified)}
-    verifier = PictureVerifier(Expectations(setting), folder.load)
+    starts = [record for record in records if isinstance(record, RunStarted)]
+    verifier = PictureVerifier(
+        Expectations(setting), folder.load, declared_axes(starts[-1].devices)
+    )
     views = {view.id: view for view in plan.views}
     found = []
     for record in records:

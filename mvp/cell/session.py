@@ -27,7 +27,12 @@ from mvp.cell.run_document import RunDocument, run_document
 from mvp.cell.runner import Runner, RunOutcome
 from mvp.cell.simulation import simulation_of
 from mvp.cell.standstill import UnderWay, seen_at_rest, stopped_on_error
-from mvp.cell.verification import Expectations, PictureVerifier, TaskExposure
+from mvp.cell.verification import (
+    Expectations,
+    PictureVerifier,
+    TaskExposure,
+    declared_axes,
+)
 from mvp.cell.wire_dumps import keep_with_run
 from mvp.cell.world_building import WorldBodies
 from mvp.errors import OutputError, StoppedByOperator
@@ -306,7 +311,11 @@ class Session:
                 self.devices.camera.exposure_range_s(),
             ),
             store=folder.store,
-            verifier=PictureVerifier(expectations, folder.load),
+            verifier=PictureVerifier(
+                expectations,
+                folder.load,
+                declared_axes(device_records(self.infos)),
+            ),
         )
 
 
@@ -362,6 +371,7 @@ def device_records(infos: dict[str, DeviceInfo]) -> list[DeviceRecord]:
             serial=info.serial,
             firmware=info.firmware,
             simulated=info.simulated,
+            extra=info.extra,
         )
         for role, info in infos.items()
     ]

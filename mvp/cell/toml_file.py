@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 _Model = TypeVar("_Model", bound=BaseModel)
 _MAX_SHOWN = 5
+_TABLE = re.compile(r"\[([a-z_.]+)\]")
 _MAX_BYTES = 4_000_000
 
 
@@ -33,17 +35,19 @@ class TomlFile:
     lines: dict[tuple[str | int, ...], int] = field(repr=False)
 
     def where(self, location: Sequence[str | int]) -> str:
-        """``file:line`` of a key."""
-        return f"{self.path}:{line_of(self.lines, tuple(location))}"
+        """``file:line`` of a key; the file alone when nothing of the key is in it."""
+        line = line_of(self.lines, tuple(location))
+        return f"{self.path}:{line}" if line else str(self.path)
 
     def error(
         self, location: Sequence[str | int], message: str, hint: str = ""
     ) -> ConfigError:
         """An error about one key of this file."""
         where = self.where(location)
-        return ConfigError(
-            f"{where}: {dotted(location)}: {message}", hint=hint, where=where
-        )
+        name = dotted(location)
+        named = not location or message.startswith(f"[{name}]")
+        what = "" if named else f"{name}: "
+        return ConfigError(f"{where}: {what}{message}", hint=hint, where=where)
 
 
 def read_toml(path: Path) -> TomlFile:
@@ -131,9 +135,7 @@ def config_error(
     texts = []
     for problem in problems[:_MAX_SHOWN]:
         location = (*prefix, *_known(source, prefix, problem))
-        texts.append(
-            f"{source.where(location)}: {dotted(location)}: {_words(model, problem)}"
-        )
+        texts.append(source.error(location, _words(model, problem)).message)
     if len(problems) > _MAX_SHOWN:
         texts.append(f"... and {len(problems) - _MAX_SHOWN} more")
     first = (*prefix, *_known(source, prefix, problems[0]))
@@ -155,7 +157,16 @@ def _known(
             path = (*path, part)
     if problem["type"] == "feature_kind" and (*prefix, *path, "kind") in source.lines:
         path = (*path, "kind")
-    return path
+    return path or _named_table(source, prefix, problem)
+
+
+def _named_table(
+    source: TomlFile, prefix: tuple[str | int, ...], problem: ErrorDetails
+) -> tuple[str | int, ...]:
+    """Where the words of a check over several tables begin with one of them."""
+    found = _TABLE.match(str(problem.get("ctx", {}).get("error", "")))
+    table = tuple(found[1].split(".")) if found else ()
+    return table if (*prefix, *table) in source.lines else ()
 
 
 def dotted(location: Sequence[str | int]) -> str:

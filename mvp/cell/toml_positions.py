@@ -28,7 +28,7 @@ def positions(text: str) -> dict[Path, int]:
 
 
 def line_of(lines: dict[Path, int], location: tuple[str | int, ...]) -> int:
-    """Line of the deepest known part of ``location``; 1 when nothing is known.
+    """Line of the deepest known part of ``location``; 0 when nothing is known.
 
     Parts that are not in the file (the name of a union member, a missing key) are
     passed over.
@@ -37,7 +37,7 @@ def line_of(lines: dict[Path, int], location: tuple[str | int, ...]) -> int:
     for part in location:
         if (*path, part) in lines:
             path = (*path, part)
-    return lines.get(path, 1)
+    return lines[path] if path else 0
 
 
 class _Scanner:

@@ -28,12 +28,14 @@ from mvp.imaging import (
 from mvp.scene import CadEdges, cad_edges
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
     from mvp.cell.plan_job import Setting
+    from mvp.cell.records import DeviceRecord
     from mvp.devices import Frame
+    from mvp.imaging import ViewVerification
     from mvp.planning.plan import PlannedView
 
 _FIRST_GUESS_S = 0.01
@@ -102,10 +104,12 @@ class PictureVerifier:
 
     Attributes:
         load: the pixels of a recorded picture.
+        declared_axes: of the arm, which only a person says where they are.
     """
 
     expectations: Expectations
     load: Callable[[Captured], NDArray[np.uint8] | NDArray[np.uint16]]
+    declared_axes: str = ""
 
     def __call__(self, view: PlannedView, captured: Captured) -> Verified:
         """From picture, plan and record only."""
@@ -116,8 +120,24 @@ class PictureVerifier:
             view=view.id,
             verdict=found.verdict,
             cause=found.cause,
-            verification=dict(found.to_json()),
+            verification={**found.to_json(), **self._first_look(found)},
         )
+
+    def _first_look(self, found: ViewVerification) -> dict[str, object]:
+        """What the picture cannot tell from a part that has moved."""
+        if found.cause != "misalignment" or not self.declared_axes:
+            return {}
+        first = (
+            f"were the axes {self.declared_axes} at their marks when the controller was "
+            "switched on? nothing measures them, and every view is off by as much"
+        )
+        return {"check_first": f"{first}; {found.check_first}"}
+
+
+def declared_axes(devices: Sequence[DeviceRecord]) -> str:
+    """Axes of the arm that nothing measures, as it said itself; empty for none."""
+    told = [one.extra.get("declared_axes", "") for one in devices if one.role == "arm"]
+    return "".join(told).removeprefix("none")
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mvp.cli.ask import ask, terminal
@@ -34,7 +35,15 @@ def recover(
 
     loaded = load_cell(cell, accept_calibration=accept_calibration)
     found = recover_cell(
-        loaded, load_task(loaded, task), Guide(agree=agree, tell=_tell), phase
+        loaded,
+        load_task(loaded, task),
+        Guide(
+            agree=lambda device, step: agree(
+                device, replace(step, text=named(step.text, cell))
+            ),
+            tell=_tell,
+        ),
+        phase,
     )
     devices = [
         one.model_copy(update={"hint": named(one.hint, cell)}) for one in found.devices
@@ -50,11 +59,11 @@ def _show(device: RecoveredDevice) -> None:
     """One line for a device that is ready; else what it needs by hand."""
     lines = console()
     if device.ready:
-        lines.print(f"{device.name}: {device.detail}", markup=False)
+        more = f" ({device.hint})" if device.hint else ""
+        lines.print(f"{device.name}: {device.detail}{more}", markup=False)
         return
     lines.print(
-        f"{device.name}: NOT ready, and it knows no way back of its own: "
-        f"{device.detail}",
+        f"{device.name}: NOT ready: {device.detail}",
         style="bold red",
         markup=False,
     )
