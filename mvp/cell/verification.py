@@ -14,6 +14,7 @@ import numpy as np
 from mvp.cell.engine import Exposure
 from mvp.cell.light_config import illumination
 from mvp.cell.records import Captured, Verified
+from mvp.cell.wording import look_first
 from mvp.errors import DeviceFault
 from mvp.geometry import Pose
 from mvp.imaging import (
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from mvp.cell.plan_job import Setting
     from mvp.cell.records import DeviceRecord
     from mvp.devices import Frame
-    from mvp.imaging import ViewVerification
     from mvp.planning.plan import PlannedView
 
 _FIRST_GUESS_S = 0.01
@@ -120,18 +120,13 @@ class PictureVerifier:
             view=view.id,
             verdict=found.verdict,
             cause=found.cause,
-            verification={**found.to_json(), **self._first_look(found)},
+            verification={
+                **found.to_json(),
+                "check_first": look_first(
+                    found.cause, found.check_first, self.declared_axes
+                ),
+            },
         )
-
-    def _first_look(self, found: ViewVerification) -> dict[str, object]:
-        """What the picture cannot tell from a part that has moved."""
-        if found.cause != "misalignment" or not self.declared_axes:
-            return {}
-        first = (
-            f"were the axes {self.declared_axes} at their marks when the controller was "
-            "switched on? nothing measures them, and every view is off by as much"
-        )
-        return {"check_first": f"{first}; {found.check_first}"}
 
 
 def declared_axes(devices: Sequence[DeviceRecord]) -> str:

@@ -52,3 +52,19 @@ def kept_text(probability: float) -> str:
         return "100 %"
     digits = max(0, -math.floor(math.log10(100 * missing)))
     return f"{100 * probability:.{digits}f} %"
+
+
+def look_first(cause: str | None, check_first: str, declared_axes: str) -> str:
+    """What to look at first; a picture cannot tell a wrong mark from a moved part.
+
+    Args:
+        cause: what the picture points to.
+        check_first: what it is by itself.
+        declared_axes: of the arm, of which only a person says where they are.
+    """
+    if cause != "misalignment" or not declared_axes:
+        return check_first
+    return (
+        f"were the axes {declared_axes} at their marks when the controller was switched "
+        f"on? nothing measures them, and every picture is off alike; {check_first}"
+    )
