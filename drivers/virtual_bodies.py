@@ -12,12 +12,17 @@ from mvp.geometry import (
     TriangleMesh,
     box_mesh,
 )
-from mvp.imaging import RenderBody
+from mvp.imaging import RenderBody, printed_target
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivers.virtual_settings import Occluder, WorldErrors, WorldSettings
+    from drivers.virtual_settings import (
+        Occluder,
+        TargetSettings,
+        WorldErrors,
+        WorldSettings,
+    )
     from mvp.devices import WorldBelief
 
 _VERTEX_MM = 1e-3  # corners this close are the one that is meant
@@ -55,3 +60,14 @@ def true_bodies(
         for o in occluders
     ]
     return (part, *fixtures, *strays)
+
+
+def true_target(target: TargetSettings) -> RenderBody:
+    """A printed target where it truly lies.
+
+    Raises:
+        ConfigError: its marker dictionary is not known.
+    """
+    turn = np.radians(target.rotation_deg)
+    pose = Pose.from_rotvec("base", "target", turn, np.array(target.position_mm))
+    return printed_target(target, pose)

@@ -15,6 +15,7 @@ from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
     from mvp.calibrated import AxisTable
+    from mvp.devices import Side
 
 _LOG = logging.getLogger(__name__)
 _OVERSHOOT = 1.5  # of the backlash, so that the last leg has taken it up for certain
@@ -108,6 +109,14 @@ class VirtualLens:
         """First and last step of the lens table."""
         return {a: (min(t.steps), max(t.steps)) for a, t in self._tables.items()}
 
+    def approach(self) -> dict[Axis, Side]:
+        """Side from which every target of an axis is reached."""
+        return {axis: table.approach for axis, table in self._tables.items()}
+
+    def temperature_c(self) -> float | None:
+        """How warm the lens is; None when its world does not say."""
+        return self._world.temperature_c
+
     def state(self) -> LensState:
         """Where the motors are now.
 
@@ -160,21 +169,28 @@ class VirtualLens:
         Raises:
             LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
         """
-        self._link.require_open()
-        self.check_steps(zoom=zoom, focus=focus, iris=iris)
-        if not self._is_homed():
-            raise LimitError(
-                "not homed; nothing has moved",
-                device=self.name,
-                hint="call home(), or `mvp-cell home CELL`",
-            )
         targets: dict[Axis, int] = {"zoom": zoom, "focus": focus, "iris": iris}
+        self._require_ready(targets)
         points = {axis: self._approach(axis, targets[axis]) for axis in AXES}
         self._engaged = False
         self._drive(points, timeout_s)
         state = self._reached(targets)
         self._engaged = True
         return state
+
+    def move_steps_straight(
+        self, *, zoom: int, focus: int, iris: int, timeout_s: float
+    ) -> LensState:
+        """Move every axis straight there, whatever side that is from.
+
+        Raises:
+            LimitError, DeviceTimeout, DeviceFault, MotionStopped: see the protocol.
+        """
+        targets: dict[Axis, int] = {"zoom": zoom, "focus": focus, "iris": iris}
+        self._require_ready(targets)
+        self._engaged = False
+        self._drive({axis: (float(targets[axis]),) for axis in AXES}, timeout_s)
+        return self._reached(targets)
 
     def stop(self) -> None:
         """Stop the motors now, from any thread."""
@@ -185,6 +201,17 @@ class VirtualLens:
         require_reachable(
             self._world.faults.lens, self.name, look_at="check cable and supply"
         )
+
+    def _require_ready(self, targets: dict[Axis, int]) -> None:
+        """Open, homed, and the targets within the limits."""
+        self._link.require_open()
+        self.check_steps(**targets)
+        if not self._is_homed():
+            raise LimitError(
+                "not homed; nothing has moved",
+                device=self.name,
+                hint="call home(), or `mvp-cell home CELL`",
+            )
 
     def _is_homed(self) -> bool:
         return self._homed and not self._world.faults.lens.loses_home

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
+from mvp.calibrated import TargetPrint
 from mvp.fileedge import FileModel
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -29,7 +30,10 @@ class WorldErrors(FileModel):
     vector (deg), or its length alone, when the world's seed chooses the direction;
     ``part_scale`` about the part's origin; fractions of f and a; ``focus_d_mm`` added
     to d; ``lamps_mm`` moves all lamps but a ring on the lens, in the camera frame;
-    ``light_fraction`` dims or raises all light; ``ambient`` is added.
+    ``light_fraction`` dims or raises all light; ``ambient`` is added. ``arm_mm`` and
+    ``arm_deg``: how far the flange is off what the arm reports, one standard deviation
+    for each axis; it changes smoothly with the joints and is the same whenever the arm
+    comes back.
     """
 
     hand_eye_mm: VectorOrLength = 0.0
@@ -42,6 +46,8 @@ class WorldErrors(FileModel):
     part_scale: Positive = 1.0
     moved_vertices: list[MovedVertex] = Field(default_factory=list)
     arm_joints_deg: list[float] = Field(default_factory=list)
+    arm_mm: NotNegative = 0.0
+    arm_deg: NotNegative = 0.0
     focus_d_mm: float = 0.0
     zoom_fraction: float = Field(default=0.0, gt=-0.5, lt=0.5)
     a_fraction: float = Field(default=0.0, gt=-0.9, lt=4.0)
@@ -132,13 +138,26 @@ class Faults(FileModel):
     occluders: list[Occluder] = Field(default_factory=list)
 
 
+class TargetSettings(TargetPrint):
+    """A printed target that truly lies in the cell; the pose is ``base_from_target``.
+
+    Target frame: x right, y down, z into the board for somebody who looks at it; a
+    ChArUco board's origin is its outer corner, that of the others their first point.
+    ``rotation_deg`` is a rotation vector.
+    """
+
+    position_mm: Vector
+    rotation_deg: Vector
+
+
 class WorldSettings(FileModel):
-    """The keys of ``[world]`` beside ``kind`` and ``clock_speed``.
+    """The keys of ``[world]`` beside ``kind``, ``clock_speed`` and ``truth``.
 
     ``tube_mm``: the extension tube that is truly on the lens; left out, the one that
     the cell names. ``smear_instants``: most still pictures that make up one picture
     taken in motion; fewer are faster and coarser. ``light``: left out, the light that the cell states in its own
     ``[light]``, or the default where it states none; ``errors`` change it.
+    ``temperature_c``: of the lens; left out, its driver cannot tell.
     """
 
     seed: int = Field(default=1, ge=0)
@@ -150,3 +169,5 @@ class WorldSettings(FileModel):
     light: LightSettings | None = None
     sensor: SensorSettings = Field(default_factory=SensorSettings)
     faults: Faults = Field(default_factory=Faults)
+    targets: list[TargetSettings] = Field(default_factory=list)
+    temperature_c: float | None = None

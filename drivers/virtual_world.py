@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from drivers.virtual_bodies import true_bodies
+from drivers.virtual_arm_truth import true_flange, true_joints
+from drivers.virtual_bodies import true_bodies, true_target
 from drivers.virtual_lens_truth import LensTruth
 from drivers.virtual_light import true_light
 from drivers.virtual_motion import History, StraightMove
@@ -83,7 +84,7 @@ class VirtualWorld:
         self._lock = threading.RLock()
         self._errors = settings.errors
         self._faults = settings.faults
-        self._targets: tuple[RenderBody, ...] = ()
+        self._targets = tuple(true_target(target) for target in settings.targets)
         self._scene: RenderScene | None = None
         self._pictures: dict[bytes, RenderedImage] = {}
         self.arm = History(np.array(belief.start_joints, dtype=np.float64))
@@ -101,7 +102,7 @@ class VirtualWorld:
     def from_config(
         cls, config: WorldSettings, belief: WorldBelief, *, clock: Clock
     ) -> Self:
-        """Build the truth of a cell from its belief and the configured errors."""
+        """Build the truth of a cell from its description and the configured errors."""
         return cls(config, belief, clock=clock)
 
     # What can be changed while it runs (tests, demonstrations).
@@ -125,7 +126,7 @@ class VirtualWorld:
             self._forget()
 
     def place_targets(self, targets: tuple[RenderBody, ...]) -> None:
-        """Put bodies (base frame) into the scene beside part and fixtures."""
+        """Put these targets (base frame) into the scene, in place of the others."""
         with self._lock:
             self._targets = targets
             self._forget()
@@ -233,15 +234,12 @@ class VirtualWorld:
     def state(self, t_s: float) -> WorldState:
         """Where everything is at a moment, also in the past."""
         with self._lock:
-            errors = self._errors
-            joints = self._arm_history.at(t_s)
-            offset = np.zeros(len(joints))
-            offset[: len(errors.arm_joints_deg)] = errors.arm_joints_deg
-            turning = np.array([u == "rad" for u in self.model.joint_units])
-            joints = joints + np.where(turning, np.radians(offset), offset)
+            errors, seed = self._errors, self._settings.seed
+            joints = true_joints(self.model, self._arm_history.at(t_s), errors)
             lens = self.lens.setting(t_s, errors, self._faults.lens)
-        pose = self.model.forward(joints) @ self.tool_from_camera(lens.d_mm)
-        return WorldState(t_s, joints, pose, lens)
+        tool = true_flange(self.model, joints, errors, seed)
+        camera = tool @ self.tool_from_camera(lens.d_mm)
+        return WorldState(t_s, joints, camera, lens)
 
     def tool_from_camera(self, d_mm: float) -> Pose:
         """The true hand-eye transform at a lens setting."""
@@ -255,9 +253,8 @@ class VirtualWorld:
     def base_from_part(self) -> Pose:
         """Where the part truly lies."""
         errors = self._errors
-        return self.belief.base_from_part @ self._small(
-            "part", errors.part_deg, errors.part_mm
-        )
+        moved = self._small("part", errors.part_deg, errors.part_mm)
+        return self.belief.base_from_part @ moved
 
     def _small(self, frame: str, turn: VectorOrLength, shift: VectorOrLength) -> Pose:
         """A configured error; a length alone points where the seed says."""
@@ -269,6 +266,11 @@ class VirtualWorld:
         return Pose.from_rotvec(frame, frame, np.radians(turn_deg), shift_mm)
 
     @property
+    def temperature_c(self) -> float | None:
+        """How warm the lens is; None where nobody says."""
+        return self._settings.temperature_c
+
+    @property
     def intrinsics(self) -> Intrinsics:
         """The true sensor, principal point and distortion."""
         return true_intrinsics(self.belief.camera, self._errors)
@@ -276,8 +278,7 @@ class VirtualWorld:
     @property
     def light(self) -> Illumination:
         """Lamps that travel with the camera, and the ambient part."""
-        with self._lock:
-            errors = self._errors
+        errors = self._errors
         moved = self._small("camera", 0.0, errors.lamps_mm).translation_mm
         return true_light(self.belief.light, self._settings.light, errors, moved)
 

@@ -7,6 +7,10 @@ binned 2 x 2 where far ends are simulated, because that draws four times as fast
 parfocal 8-25 mm zoom behind three different controllers; and the paper's object where
 the arm of the cell sees it from all sides. The standard deviations are what the
 project's own calibration reaches in simulation.
+
+`virtual_uncalibrated` believes what data sheets and drawings say; its folder `truth` says
+what is true in its world, as far off as parts as bought and mounted by hand are.
+`simulated_ur` has the folder as well, so that calibrating it moves its belief alone.
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -28,6 +32,9 @@ from mvp.calibrated import (
 )
 from mvp.geometry import Pose
 
+Models: TypeAlias = dict[
+    str, CameraCalibration | LensTableCalibration | RigidCalibration
+]
 FOLDER = Path(__file__).parents[1] / "cell_configs"
 REFERENCE_D_MM = 12.9
 REFERENCE_F_MM = 12.5
@@ -75,6 +82,7 @@ class Cell:
     part_turn_deg: float
     camera_turn_deg: float
     binning: int = 1
+    has_truth: bool = False
 
     def provenance(self, device_serial: str) -> Provenance:
         return Provenance(
@@ -84,6 +92,49 @@ class Cell:
             simulated=True,
             temperature_c=20.0,
         )
+
+
+@dataclass(frozen=True)
+class Values:
+    """Where a cell's calibrations differ from the design."""
+
+    centre_px: tuple[float, float]
+    k1: float
+    f_mm: tuple[float, float]
+    extension_mm: tuple[float, float]
+    a_mm: tuple[float, float]
+    pupil_offset_mm: float
+    hand_turn_deg: tuple[float, float, float]
+    hand_mm: tuple[float, float, float]
+    part_turn_deg: tuple[float, float, float]
+    part_mm: tuple[float, float, float]
+
+
+# Middle of the sensor, engraved focal lengths, the drawing of the bracket, a tape measure.
+NOMINAL = Values(
+    centre_px=(319.5, 255.5),
+    k1=0.0,
+    f_mm=(8.0, 25.0),
+    extension_mm=(0.1, 1.2),
+    a_mm=(0.4, 4.0),
+    pupil_offset_mm=0.0,
+    hand_turn_deg=(0.0, 0.0, 25.0),
+    hand_mm=(0.0, 0.0, 104.0),
+    part_turn_deg=(0.0, 0.0, 5.0),
+    part_mm=(-520.0, -130.0, 60.0),
+)
+TRUE = Values(
+    centre_px=(323.4, 252.2),
+    k1=-0.1,
+    f_mm=(8.11, 25.43),
+    extension_mm=(0.128, 1.243),
+    a_mm=(0.389, 3.86),
+    pupil_offset_mm=2.4,
+    hand_turn_deg=(0.5, -0.35, 25.4),
+    hand_mm=(1.5, -1.6, 105.2),
+    part_turn_deg=(0.45, -0.3, 5.8),
+    part_mm=(-517.4, -132.7, 61.6),
+)
 
 
 CELLS = (
@@ -111,6 +162,7 @@ CELLS = (
         part_turn_deg=5.0,
         camera_turn_deg=25.0,
         binning=2,
+        has_truth=True,
     ),
     Cell(
         name="simulated_gantry",
@@ -201,21 +253,141 @@ def part_pose(cell: Cell) -> RigidCalibration:
     return rigid(cell, "mvp-cell/part-pose/1", pose, 0.15, 0.05)
 
 
+def uncalibrated(values: Values, provenance: Provenance, quality: Quality) -> Models:
+    """The calibrations of `virtual_uncalibrated`: as believed, or as they are."""
+    measured = provenance.origin == "measured"
+    zoom = Motor(0, 3200, 33, 30, 1.0).table(*values.f_mm, even=False)
+    focus = Motor(0, 8000, 17, 40, 2.0).table(*values.extension_mm, even=True)
+    iris = Motor(0, 600, 25, 6, 0.5).table(*values.a_mm, even=False)
+    hand = Pose.from_rotvec(
+        "tool", "camera", np.radians(values.hand_turn_deg), values.hand_mm
+    )
+    part = Pose.from_rotvec(
+        "base", "part", np.radians(values.part_turn_deg), values.part_mm
+    )
+    return {
+        "camera": CameraCalibration(
+            schema="mvp-cell/camera/1",
+            provenance=made_with(provenance, "V-CAM-1"),
+            quality=quality,
+            width_px=640,
+            height_px=512,
+            pitch_x_um=10.0,
+            pitch_y_um=10.0,
+            centre_x_px=values.centre_px[0],
+            centre_y_px=values.centre_px[1],
+            k1=values.k1,
+            standard_deviation={}
+            if measured
+            else {"centre_x_px": 5.0, "centre_y_px": 5.0, "k1": 0.15},
+        ),
+        "lens_table": LensTableCalibration(
+            schema="mvp-cell/lens-table/1",
+            provenance=made_with(provenance, "V-LENS-1"),
+            quality=quality,
+            zoom_f_mm=zoom,
+            focus_extension_mm=focus,
+            iris_a_mm=iris,
+            pupil_offset_mm=values.pupil_offset_mm,
+            d_standard_deviation_mm=0.0 if measured else 0.25,
+            f_standard_deviation_mm=0.0 if measured else 0.25,
+            a_standard_deviation_mm=0.0 if measured else 0.1,
+            pupil_offset_standard_deviation_mm=0.0 if measured else 3.0,
+        ),
+        "hand_eye": rigid_of(
+            "mvp-cell/hand-eye/1",
+            made_with(provenance, "V-ARM-1"),
+            quality,
+            hand,
+            None if measured else (2.0, 1.0),
+            reference_d_mm=REFERENCE_D_MM,
+            reference_f_mm=REFERENCE_F_MM,
+        ),
+        "part_pose": rigid_of(
+            "mvp-cell/part-pose/1",
+            made_with(provenance, "V-ARM-1"),
+            quality,
+            part,
+            None if measured else (4.0, 1.0),
+        ),
+    }
+
+
+def made_with(provenance: Provenance, serial: str) -> Provenance:
+    return provenance.model_copy(update={"device_serial": serial})
+
+
+def rigid_of(
+    schema: str,
+    provenance: Provenance,
+    quality: Quality,
+    pose: Pose,
+    spread_mm_deg: tuple[float, float] | None,
+    **reference: float,
+) -> RigidCalibration:
+    covariance = None
+    if spread_mm_deg is not None:
+        mm, deg = spread_mm_deg
+        covariance = np.diag([mm**2] * 3 + [np.radians(deg) ** 2] * 3).tolist()
+    return RigidCalibration(
+        schema=schema,
+        provenance=provenance,
+        quality=quality,
+        target=pose.target,
+        source=pose.source,
+        matrix=pose.matrix.tolist(),
+        covariance=covariance,
+        **reference,
+    )
+
+
+def designed(cell: Cell) -> Models:
+    """A cell whose calibrations are its design values."""
+    return {
+        "camera": camera(cell),
+        "lens_table": lens_table(cell),
+        "hand_eye": hand_eye(cell),
+        "part_pose": part_pose(cell),
+    }
+
+
+def write(folder: Path, models: Models) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, model in models.items():
+        text = model.model_dump_json(by_alias=True, indent=1, exclude_none=True)
+        (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+        print(folder / f"{name}.json")
+
+
+def write_uncalibrated(root: Path) -> None:
+    nominal = Provenance(
+        date="2026-11-22",
+        device_serial="",
+        method="data sheets, drawings and a tape measure",
+        simulated=True,
+        origin="nominal",
+    )
+    reason = "nominal: from data sheets and drawings; nothing of this cell was measured"
+    poor = Quality(
+        verdict="marginal", reasons=[reason], next_action="calibrate this cell"
+    )
+    truth = Provenance(
+        date="2026-11-22",
+        device_serial="",
+        method="what is true in the simulated world",
+        simulated=True,
+    )
+    write(root / "calibration", uncalibrated(NOMINAL, nominal, poor))
+    write(root / "truth", uncalibrated(TRUE, truth, Quality(verdict="go")))
+
+
 def main() -> None:
     root = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
     for cell in CELLS:
-        models = {
-            "camera": camera(cell),
-            "lens_table": lens_table(cell),
-            "hand_eye": hand_eye(cell),
-            "part_pose": part_pose(cell),
-        }
-        folder = root / cell.name / "calibration"
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, model in models.items():
-            text = model.model_dump_json(by_alias=True, indent=1, exclude_none=True)
-            (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
-            print(folder / f"{name}.json")
+        write(root / cell.name / "calibration", designed(cell))
+        if cell.has_truth:
+            write(root / cell.name / "truth", designed(cell))
+    write_uncalibrated(root / "virtual_uncalibrated")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Result models of calibrations: data only."""
+"""Result models of calibrations, and what a target shows: data only."""
 
 from mvp.calibrated.models import (
     AchievableSet,
@@ -16,6 +16,7 @@ from mvp.calibrated.models import (
     VerdictCause,
     ViewResidual,
 )
+from mvp.calibrated.target_print import TargetKind, TargetPrint
 
 __all__ = [
     "AchievableSet",
@@ -29,6 +30,8 @@ __all__ = [
     "Provenance",
     "Quality",
     "RigidCalibration",
+    "TargetKind",
+    "TargetPrint",
     "Validity",
     "VerdictCause",
     "ViewResidual",

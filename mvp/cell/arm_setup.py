@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.cell.target_body import target_obstacles
 from mvp.constraints.clearance import CameraClearance
 from mvp.constraints.reach import Reach
 from mvp.geometry import Box, TriangleMesh
@@ -42,7 +43,7 @@ class ArmSetup:
 
     @cached_property
     def bodies(self) -> CellBodies:
-        """Arm, camera, part, fixtures and keep-outs, base frame."""
+        """Arm, camera, part, fixtures, keep-outs and target, base frame."""
         config = self.cell.config
         part = self.scene.scene.part.moved(self.cell.calibrations.base_from_part)
         named = TriangleMesh(part.vertices_mm, part.faces, part.face_ids, "part")
@@ -55,7 +56,8 @@ class ArmSetup:
             for b in config.kinematics.tool_bodies
         )
         found = obstacles(named, self.scene.fixtures_base, keep_outs)
-        return CellBodies(self.cell.arm, tools, found)
+        board = target_obstacles(config.target)
+        return CellBodies(self.cell.arm, tools, (*found, *board))
 
     @property
     def clearance_mm(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -11,8 +11,14 @@ from pydantic import ValidationError
 from mvp.calibrated import (
     CameraCalibration,
     LensTableCalibration,
-    Quality,
     RigidCalibration,
+)
+from mvp.cell.calibration_gates import (
+    NAMES,
+    Objection,
+    of_file,
+    of_lens_setting,
+    require_accepted,
 )
 from mvp.cell.places import inside, sha256_of
 from mvp.cell.toml_file import dotted
@@ -21,24 +27,22 @@ from mvp.fileedge import read_file
 from mvp.geometry import Pose
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from mvp.cell.cell_config import CalibrationFiles
 
 _Model = TypeVar("_Model", CameraCalibration, LensTableCalibration, RigidCalibration)
-_NAMES = ("camera", "lens_table", "hand_eye", "part_pose")
 
 
 @dataclass(frozen=True, eq=False)
-class Calibrations:
-    """What was measured about the cell.
+class CalibrationModels:
+    """The content of the four files, with the transforms as poses.
 
     Attributes:
         tool_from_camera: hand-eye at its reference lens setting.
         base_from_part: where the part lies.
         files: where each came from, by name.
-        sha256: content hash of each file, by name.
-        accepted: names accepted against their verdict, with the person's reason.
     """
 
     camera: CameraCalibration
@@ -48,8 +52,26 @@ class Calibrations:
     tool_from_camera: Pose
     base_from_part: Pose
     files: dict[str, Path]
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrations(CalibrationModels):
+    """What was measured about the cell.
+
+    Attributes:
+        sha256: content hash of each file, by name.
+        objections: what speaks against them, as far as the files tell.
+        accepted: names accepted against an objection, with the person's reason.
+    """
+
     sha256: dict[str, str]
-    accepted: dict[str, str]
+    objections: tuple[Objection, ...] = ()
+    accepted: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def warnings(self) -> tuple[Objection, ...]:
+        """Objections that do not refuse."""
+        return tuple(one for one in self.objections if not one.refused)
 
 
 def load_calibrations(
@@ -57,38 +79,43 @@ def load_calibrations(
     cell_file: Path,
     *,
     simulated: bool,
+    tubes_mm: Sequence[float] = (),
     accept_reason: str = "",
 ) -> Calibrations:
     """Read, hash and judge the four files.
 
+    Args:
+        names: of the files, relative to the cell's folder.
+        cell_file: of the cell.
+        simulated: the cell is.
+        tubes_mm: extension tubes that the lens may have had.
+        accept_reason: why a person takes the responsibility for what is refused.
+
     Raises:
-        CalibrationError: missing, unreadable, foreign or too poor.
+        CalibrationError: missing, unreadable, foreign or too poor; all of it.
     """
-    paths = {name: _path(names, cell_file, name) for name in _NAMES}
-    camera = _read(paths["camera"], "camera", CameraCalibration)
-    lens_table = _read(paths["lens_table"], "lens_table", LensTableCalibration)
-    hand_eye = _read(paths["hand_eye"], "hand_eye", RigidCalibration)
-    part_pose = _read(paths["part_pose"], "part_pose", RigidCalibration)
-    accepted: dict[str, str] = {}
-    for name, model in (
-        ("camera", camera),
-        ("lens_table", lens_table),
-        ("hand_eye", hand_eye),
-        ("part_pose", part_pose),
-    ):
-        if model.provenance.simulated and not simulated:
-            raise _foreign(paths[name], name)
-        accepted |= _judge(paths[name], name, model.quality, accept_reason)
+    found = read_calibrations(lambda name: _path(names, cell_file, name))
+    objections = [
+        one
+        for name in NAMES
+        for one in of_file(
+            name, found.files[name], getattr(found, name), simulated=simulated
+        )
+    ]
+    objections += of_lens_setting(
+        found.hand_eye, found.lens_table, found.files, tubes_mm
+    )
     return Calibrations(
-        camera,
-        lens_table,
-        hand_eye,
-        part_pose,
-        _pose(paths["hand_eye"], hand_eye, "tool", "camera"),
-        _pose(paths["part_pose"], part_pose, "base", "part"),
-        paths,
-        {name: sha256_of(path) for name, path in paths.items()},
-        accepted,
+        found.camera,
+        found.lens_table,
+        found.hand_eye,
+        found.part_pose,
+        found.tool_from_camera,
+        found.base_from_part,
+        found.files,
+        {name: sha256_of(path) for name, path in found.files.items()},
+        tuple(objections),
+        require_accepted(objections, accept_reason),
     )
 
 
@@ -101,16 +128,64 @@ def with_part_pose(
         CalibrationError: unreadable, foreign or too poor.
     """
     model = _read(path, "part_pose", RigidCalibration)
-    if model.provenance.simulated and not simulated:
-        raise _foreign(path, "part_pose")
-    accepted = _judge(path, "part_pose", model.quality, accept_reason)
+    objections = tuple(of_file("part_pose", path, model, simulated=simulated))
+    accepted = require_accepted(objections, accept_reason)
+    others = tuple(one for one in found.objections if one.name != "part_pose")
+    kept = {name: why for name, why in found.accepted.items() if name != "part_pose"}
     return replace(
         found,
         part_pose=model,
         base_from_part=_pose(path, model, "base", "part"),
         files=found.files | {"part_pose": path},
         sha256=found.sha256 | {"part_pose": sha256_of(path)},
-        accepted=found.accepted | accepted,
+        objections=(*others, *objections),
+        accepted=kept | accepted,
+    )
+
+
+def read_calibrations(path_of: Callable[[str], Path]) -> CalibrationModels:
+    """Read the four files; nothing is judged.
+
+    Args:
+        path_of: where a file is, by its name in ``[calibration]``; may raise.
+
+    Raises:
+        CalibrationError: missing, unreadable, or not what they should be; all of it.
+    """
+    problems: list[CalibrationError] = []
+    files: dict[str, Path] = {}
+
+    def tried(name: str, model: type[_Model]) -> _Model | None:
+        try:
+            files[name] = path_of(name)
+            return _read(files[name], name, model)
+        except CalibrationError as error:
+            problems.append(error)
+            return None
+
+    camera = tried("camera", CameraCalibration)
+    lens_table = tried("lens_table", LensTableCalibration)
+    hand_eye = tried("hand_eye", RigidCalibration)
+    part_pose = tried("part_pose", RigidCalibration)
+    if camera is None or lens_table is None or hand_eye is None or part_pose is None:
+        raise _together(problems)
+    return CalibrationModels(
+        camera,
+        lens_table,
+        hand_eye,
+        part_pose,
+        _pose(files["hand_eye"], hand_eye, "tool", "camera"),
+        _pose(files["part_pose"], part_pose, "base", "part"),
+        files,
+    )
+
+
+def _together(problems: Sequence[CalibrationError]) -> CalibrationError:
+    """Everything that is wrong, in one go; the first one's place in ``where``."""
+    return CalibrationError(
+        "\n".join(error.message for error in problems),
+        hint="\n".join(dict.fromkeys(error.hint for error in problems if error.hint)),
+        where=problems[0].where,
     )
 
 
@@ -144,30 +219,6 @@ def _read(path: Path, name: str, model: type[_Model]) -> _Model:
             f"one in [calibration] of the cell file",
             where=str(path),
         ) from error
-
-
-def _foreign(path: Path, name: str) -> CalibrationError:
-    return CalibrationError(
-        f"{path}: this {name} calibration comes from a simulated cell "
-        "and cannot be used on a real one",
-        hint="name one that was measured on this cell in [calibration] of the cell file",
-        where=str(path),
-    )
-
-
-def _judge(path: Path, name: str, quality: Quality, reason: str) -> dict[str, str]:
-    """Accept a good verdict, or a poor one for a stated reason."""
-    if quality.verdict == "go":
-        return {}
-    if reason.strip():
-        return {name: reason.strip()}
-    why = "; ".join(quality.reasons) or "no reason given"
-    raise CalibrationError(
-        f"{path}: the {name} calibration is {quality.verdict.upper()}: {why}",
-        hint="name a better one in [calibration] of the cell file, or take the "
-        "responsibility with --accept-calibration REASON",
-        where=str(path),
-    )
 
 
 def _pose(path: Path, model: RigidCalibration, target: str, source: str) -> Pose:

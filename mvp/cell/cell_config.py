@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from mvp.calibrated import TargetPrint
 from mvp.cell.light_config import LightConfig
 from mvp.cell.values import (
     Name,
@@ -40,6 +41,13 @@ class WorldRef(BaseModel):
 
     kind: str = Field(min_length=1)
     clock_speed: float = Field(default=1.0, gt=0, le=1000)
+    truth: str | None = Field(
+        default=None,
+        min_length=1,
+        description="folder beside the cell file with camera.json, lens_table.json, "
+        "hand_eye.json and part_pose.json as they truly are; left out, what the cell "
+        "believes is true",
+    )
 
     @property
     def options(self) -> dict[str, object]:
@@ -139,13 +147,48 @@ class OpticsConfig(FileModel):
 
 
 class UncertaintyConfig(FileModel):
-    """One standard deviation each."""
+    """One standard deviation each.
+
+    ``robot_position_mm`` and ``robot_angle_deg``: how far the flange may be off the pose
+    that the arm reports, for each axis, from one place to another (not the repeatability
+    of one place, which is several times smaller); calibrations weigh the arm by it.
+    """
 
     position_mm: Positive = 1.0
     angle_deg: Positive = 0.3
     f_mm: Positive = 0.0125
     d_mm: Positive = 0.01
     a_mm: Positive = 0.008
+    robot_position_mm: Positive = 0.1
+    robot_angle_deg: Positive = 0.02
+
+
+class TargetConfig(TargetPrint):
+    """The printed calibration target, and roughly where it lies.
+
+    Target frame: x right, y down, z into the board for somebody who looks at it; a
+    ChArUco board's origin is its outer corner, that of the others their first point.
+    ``position_mm`` and ``rotation_deg`` (a rotation vector) place it in the base frame,
+    with one standard deviation for each axis. ``square_sigma_mm``: of a square as
+    measured with a caliper; left out, 0.2 % of it, which is what printers reach.
+    """
+
+    square_sigma_mm: Positive | None = None
+    position_mm: Point
+    rotation_deg: Point
+    position_sigma_mm: Positive = 5.0
+    angle_sigma_deg: Positive = 2.0
+
+
+class ConditionsConfig(FileModel):
+    """What surrounds the cell, as far as no device tells."""
+
+    temperature_c: float | None = Field(
+        default=None,
+        ge=-60,
+        le=100,
+        description="calibrations hold at a temperature; unknown, a change goes unseen",
+    )
 
 
 class BoxConfig(FileModel):
@@ -216,6 +259,10 @@ class CellConfig(FileModel):
     calibration: CalibrationFiles
     optics: OpticsConfig
     uncertainty: UncertaintyConfig = Field(default_factory=UncertaintyConfig)
+    conditions: ConditionsConfig = Field(default_factory=ConditionsConfig)
+    target: TargetConfig | None = Field(
+        default=None, description="what `mvp-cell calibrate` looks at"
+    )
     workspace: BoxConfig
     settle: SettleConfig = Field(default_factory=SettleConfig)
     motion: MotionConfig = Field(default_factory=MotionConfig)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.cell.calibrated_devices import device_objections
-from mvp.cell.calibration_items import CALIBRATED_DEVICES, objection_item
+from mvp.cell.calibration_items import CALIBRATED_DEVICES, objection_items
 from mvp.cell.check_items import (
     CheckedDevice,
     CheckedFrame,
@@ -128,8 +128,7 @@ def _calibrated(
         objections = device_objections(setting.cell, devices, infos)
     except Exception as error:
         return [failure(CALIBRATED_DEVICES, error)]
-    reason = setting.cell.accept_calibration
-    items = [objection_item(CALIBRATED_DEVICES, one, reason) for one in objections]
+    items = objection_items(objections, setting.cell.accept_calibration)
     said = "calibrations belong to these devices, as they are now"
     return items or [good(CALIBRATED_DEVICES, said)]
 

@@ -147,6 +147,7 @@ def load_cell(cell: str, *, accept_calibration: str = "") -> LoadedCell:
         config.calibration,
         source.path,
         simulated=config.simulated,
+        tubes_mm=[config.optics.mounted_tube_mm, *config.optics.extension_tubes_mm],
         accept_reason=accept_calibration,
     )
     dh_file = _dh_file(source, config)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from mvp.cell.arm_setup import ArmSetup
+from mvp.cell.calibration_gates import of_views
 from mvp.cell.contrast import ContrastForecast
 from mvp.cell.places import as_stored
 from mvp.cell.plan_document import ViewWriter, not_covered
@@ -17,7 +18,7 @@ from mvp.cell.verification import Expectations
 from mvp.planning.plan import CellStamp, FileStamp, Plan, Timing
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
     from typing import Literal
 
@@ -122,7 +123,7 @@ def make_plan(
         ),
         views=views,
         not_covered=[entry for failed in found.failed for entry in not_covered(failed)],
-        notes=_notes(setting, found),
+        notes=_notes(setting, found, views),
         timing_s=watch.timing(),
     )
     return Planned(setting, plan, found)
@@ -147,16 +148,20 @@ def _status(found: Found) -> Literal["admissible", "partial", "infeasible"]:
     return "partial" if found.failed else "admissible"
 
 
-def _notes(setting: Setting, found: Found) -> list[str]:
+def _notes(
+    setting: Setting, found: Found, views: Sequence[PlannedView]
+) -> list[str]:
     notes = [*setting.scene.part.lines()]
     if found.together is not None and len(found.views) > 1:
         notes.append(
             f"{len(found.views)} views, because one cannot see everything: "
             f"{found.together.reason}"
         )
-    accepted = setting.cell.calibrations.accepted
+    known = setting.cell.calibrations
+    doubts = [*known.warnings, *of_views(known, views)]
+    notes += [f"warning: {one.text}; {one.fix}" for one in doubts]
     notes += [
         f"{name} calibration accepted against its verdict: {reason}"
-        for name, reason in accepted.items()
+        for name, reason in known.accepted.items()
     ]
     return notes

@@ -1,4 +1,4 @@
-"""The world of a simulated cell and the simulators in it, from the cell's own belief."""
+"""The world of a simulated cell and the simulators in it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from mvp.cell.own_keys import naming_place, own_keys
+from mvp.cell.truth import truth_of
 from mvp.devices import WorldBelief, load_simulator, load_world
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ def build_world(
 
     Raises:
         ConfigError, PluginError: with file and line.
+        CalibrationError: the truth that the cell names cannot be read.
     """
     world = cell.config.world
     if world is None:
@@ -52,9 +54,7 @@ def build_world(
     if bodies is None:
         raise ValueError("a cell with a world needs the bodies to put into it")
     config = world_config(cell)
-    return load_world(world.kind).from_config(
-        config, _belief(cell, bodies), clock=clock
-    )
+    return load_world(world.kind).from_config(config, _told(cell, bodies), clock=clock)
 
 
 def simulator_config(
@@ -84,8 +84,9 @@ def build_simulators(cell: LoadedCell, context: DeviceContext) -> dict[Role, Sim
     }
 
 
-def _belief(cell: LoadedCell, bodies: WorldBodies) -> WorldBelief:
-    found, light = cell.calibrations, cell.config.light
+def _told(cell: LoadedCell, bodies: WorldBodies) -> WorldBelief:
+    """What the world is told: the cell's own belief, unless it names the truth."""
+    found, light = truth_of(cell), cell.config.light
     reference = found.hand_eye.reference_d_mm
     return WorldBelief(
         part=bodies.part,

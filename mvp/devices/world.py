@@ -43,8 +43,9 @@ class LightBelief:
 
 @dataclass(frozen=True, eq=False)
 class WorldBelief:
-    """The cell as configuration and calibration describe it.
+    """The cell as a world is told that it is.
 
+    The calibrations are those of the cell, or of the folder that it names as the truth.
     A world makes its truth of this and of its own configured errors; nothing flows
     back.
 

@@ -12,6 +12,7 @@ from mvp.imaging.measure_exposure import meter_exposure
 from mvp.imaging.predict import expect_view
 from mvp.imaging.predict_contrast import BothSides, both_sides
 from mvp.imaging.predict_rims import outward_normals
+from mvp.imaging.printed_target import printed_target
 from mvp.imaging.render import RenderedImage, RenderQuality, render
 from mvp.imaging.render_body import PlanarTexture, RenderBody, textured_plane
 from mvp.imaging.render_moving import LensState, render_moving
@@ -45,6 +46,7 @@ __all__ = [
     "foretold",
     "meter_exposure",
     "outward_normals",
+    "printed_target",
     "render",
     "render_moving",
     "textured_plane",

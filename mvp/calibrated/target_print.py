@@ -1,0 +1,44 @@
+"""What is printed on a calibration target: numbers only."""
+
+from __future__ import annotations
+
+from typing import Literal, Self, TypeAlias
+
+from pydantic import Field, model_validator
+
+from mvp.fileedge import FileModel
+
+TargetKind: TypeAlias = Literal["charuco", "chessboard", "circle-grid"]
+
+
+class TargetPrint(FileModel):
+    """The layout of a printed target.
+
+    ``columns`` and ``rows``: inner corners of a chessboard, squares of a ChArUco board,
+    discs of a circle grid. ``square_mm``: side of a square, or the distance of
+    neighbouring discs. ``marker_mm``: side of a ChArUco marker. ``dictionary``: OpenCV's
+    name without ``DICT_``. ``disc_mm``: diameter of a disc; left out, half the distance.
+    """
+
+    kind: TargetKind
+    columns: int = Field(ge=3, le=100)
+    rows: int = Field(ge=3, le=100)
+    square_mm: float = Field(gt=0)
+    marker_mm: float | None = Field(default=None, gt=0)
+    dictionary: str = "5X5_250"
+    disc_mm: float | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _drawable(self) -> Self:
+        if self.kind == "charuco" and self.marker_mm is None:
+            raise ValueError("a ChArUco board needs marker_mm")
+        if self.marker_mm is not None and self.marker_mm >= self.square_mm:
+            raise ValueError("marker_mm must be below square_mm")
+        if self.disc_mm is not None and self.disc_mm >= self.square_mm:
+            raise ValueError("disc_mm must be below square_mm")
+        return self
+
+    @property
+    def diameter_mm(self) -> float:
+        """Of a disc."""
+        return self.square_mm / 2 if self.disc_mm is None else self.disc_mm

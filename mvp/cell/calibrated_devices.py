@@ -1,0 +1,89 @@
+"""Calibrations against the devices that answered and against what a plan asks of them."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING
+
+from mvp.cell.calibration_gates import (
+    of_approach,
+    of_serials,
+    of_temperature,
+    of_views,
+    require_accepted,
+)
+from mvp.devices import Approaching, Thermometer
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from mvp.cell.calibration_gates import Objection
+    from mvp.cell.engine import CellDevices
+    from mvp.cell.loading import LoadedCell
+    from mvp.devices import DeviceInfo
+    from mvp.planning.plan import PlannedView
+
+_LOG = logging.getLogger(__name__)
+
+
+def device_objections(
+    cell: LoadedCell, devices: CellDevices, infos: Mapping[str, DeviceInfo]
+) -> list[Objection]:
+    """Other devices, another side of approach, another temperature. Moves nothing.
+
+    Args:
+        cell: with its calibrations.
+        devices: of which those in ``infos`` are open.
+        infos: who answered, by role.
+    """
+    found = cell.calibrations
+    serials = {role: info.serial for role, info in infos.items()}
+    lens = devices.lens if "lens" in infos else None
+    approach = lens.approach() if isinstance(lens, Approaching) else None
+    return [
+        *of_serials(found, serials),
+        *of_approach(found, approach),
+        *of_temperature(found, temperature_c(cell, devices, infos)),
+    ]
+
+
+def temperature_c(
+    cell: LoadedCell, devices: CellDevices, infos: Mapping[str, DeviceInfo]
+) -> float | None:
+    """As the cell file states it, else as a device tells, the lens first."""
+    stated = cell.config.conditions.temperature_c
+    if stated is not None:
+        return stated
+    for role, device in (("lens", devices.lens), ("camera", devices.camera)):
+        if role in infos and isinstance(device, Thermometer):
+            told = device.temperature_c()
+            if told is not None:
+                return told
+    return None
+
+
+def accepted_on_devices(
+    cell: LoadedCell,
+    devices: CellDevices,
+    infos: Mapping[str, DeviceInfo],
+    views: Sequence[PlannedView],
+) -> dict[str, str]:
+    """Names of calibrations that a person accepts for this run, with the reason.
+
+    Raises:
+        CalibrationError: one must not be used with these devices, or for these views.
+    """
+    objections = [
+        *device_objections(cell, devices, infos),
+        *of_views(cell.calibrations, views),
+    ]
+    accepted = require_accepted(objections, cell.accept_calibration)
+    return cell.calibrations.accepted | accepted
+
+
+def warn_of_devices(
+    cell: LoadedCell, devices: CellDevices, infos: Mapping[str, DeviceInfo]
+) -> None:
+    """Log what does not refuse, but should be looked at."""
+    for one in device_objections(cell, devices, infos):
+        _LOG.warning("%s; %s", one.text, one.fix)
