@@ -7,10 +7,17 @@ from calibration.part_pose.locate import (
     PartView,
     ViewpointError,
     locate,
+    own_shares,
     viewpoint_covariance,
     viewpoint_error,
 )
-from calibration.part_pose.resection import AMBIGUOUS_BELOW, Branch, Resection, resect
+from calibration.part_pose.resection import (
+    AMBIGUOUS_BELOW,
+    Branch,
+    Resection,
+    by_camera,
+    resect,
+)
 from calibration.part_pose.sightings import (
     PartSight,
     SeenCircles,
@@ -30,9 +37,11 @@ __all__ = [
     "SeenEdges",
     "SeenPoints",
     "ViewpointError",
+    "by_camera",
     "judge_located",
     "judge_resection",
     "locate",
+    "own_shares",
     "resect",
     "viewpoint_covariance",
     "viewpoint_error",

@@ -11,9 +11,11 @@ the target frame.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from calibration.poses import Poses, difference, only
@@ -38,11 +40,17 @@ class HandEye:
 
 @dataclass(frozen=True, eq=False)
 class PartView:
-    """One picture's pose of the part, its covariance, and where the tool was."""
+    """One picture's pose of the part, its covariance, and where the tool was.
+
+    Attributes:
+        by_camera: (6, c), change of the pose for errors of the intrinsics, which were
+            held fixed and are the same in all pictures; None: they are taken as exact.
+    """
 
     camera_from_part: Pose
     covariance: FloatArray
     base_from_tool: Pose
+    by_camera: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +59,7 @@ class LocatedPart:
 
     Attributes:
         base_from_part: the weighted mean of all views.
-        own_covariance: from pictures and robot, in base axes.
+        own_covariance: from pictures, robot and intrinsics, in base axes.
         by_hand_eye: (6, 6), change of the pose for an error of ``tool_from_camera``.
         covariance: all together.
         off: (n, 6), how far each view is from the mean.
@@ -69,8 +77,17 @@ class LocatedPart:
     probability: float
 
 
-def locate(views: Sequence[PartView], hand_eye: HandEye) -> LocatedPart:
+def locate(
+    views: Sequence[PartView],
+    hand_eye: HandEye,
+    camera_covariance: FloatArray | None = None,
+) -> LocatedPart:
     """Average what several views say, each weighted by what it knows.
+
+    Args:
+        views: of a part that does not move.
+        hand_eye: through which it was seen.
+        camera_covariance: (c, c) of the intrinsics that ``by_camera`` is about.
 
     Raises:
         ValueError: no views.
@@ -82,18 +99,16 @@ def locate(views: Sequence[PartView], hand_eye: HandEye) -> LocatedPart:
         for view in views
     ]
     poses = Poses.of(each)
-    noise, levers = _noise(views, poses, hand_eye)
-    weights = np.linalg.inv(noise)
-    own = np.linalg.inv(weights.sum(axis=0))
+    known = _Known.of(views, poses, hand_eye, camera_covariance)
     mean = poses[:1]
     for _ in range(_ROUNDS):
-        off = difference(poses, mean)
-        step = own @ np.einsum("nij,nj->i", weights, off)
+        step = known.gain @ difference(poses, mean).ravel()
         mean = Poses(*moved_pose(mean.rotation, mean.translation_mm, step[None]))
     off = difference(poses, mean)
-    by_hand_eye = own @ np.einsum("nij,njk->ik", weights, levers)
-    chi_square = float(np.einsum("ni,nij,nj->", off, weights, off))
+    chi_square = float(off.ravel() @ known.weights @ off.ravel())
     freedom = 6 * (len(views) - 1)
+    by_hand_eye = known.gain @ known.by_hand_eye
+    own = known.gain @ (known.noise + known.by_camera) @ known.gain.T
     return LocatedPart(
         mean.pose(0, each[0].target, each[0].source),
         own,
@@ -103,6 +118,92 @@ def locate(views: Sequence[PartView], hand_eye: HandEye) -> LocatedPart:
         chi_square,
         float(chi2.sf(chi_square, freedom)) if freedom else 1.0,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What n views know of one pose; all matrices have 6 n rows.
+
+    An error that is the same in all views moves their poses differently and in a known
+    way. It is part of the covariance that weighs them, so that views which it moves
+    apart do not contradict each other.
+
+    Attributes:
+        pictures, robot: (6 n, 6 n) of each view by itself.
+        by_camera: (6 n, 6 n) of the intrinsics, the same in all.
+        by_hand_eye: (6 n, 6), poses by an error of the hand-eye transform.
+        weights: (6 n, 6 n) inverse of all that together.
+    """
+
+    pictures: FloatArray
+    robot: FloatArray
+    by_camera: FloatArray
+    by_hand_eye: FloatArray
+    weights: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        views: Sequence[PartView],
+        poses: Poses,
+        hand_eye: HandEye,
+        camera_covariance: FloatArray | None,
+    ) -> _Known:
+        pictures, robot, levers = _noise(views, poses, hand_eye)
+        size = 6 * len(views)
+        by_camera = np.zeros((size, size))
+        if camera_covariance is not None:
+            slopes = _by_camera(views, hand_eye).reshape(size, -1)
+            by_camera = slopes @ camera_covariance @ slopes.T
+        lever = levers.reshape(size, 6)
+        shared = lever @ hand_eye.covariance @ lever.T
+        own = block_diag(*pictures), block_diag(*robot)
+        weights = np.linalg.inv(own[0] + own[1] + by_camera + shared)
+        return cls(*own, by_camera, lever, weights)
+
+    @property
+    def noise(self) -> FloatArray:
+        """What differs from view to view."""
+        return self.pictures + self.robot
+
+    @cached_property
+    def gain(self) -> FloatArray:
+        """(6, 6 n): the weighted mean of what the views say."""
+        all_alike = np.tile(np.eye(6), (len(self.weights) // 6, 1))
+        weighted = all_alike.T @ self.weights
+        return np.asarray(np.linalg.solve(weighted @ all_alike, weighted))
+
+
+def _by_camera(views: Sequence[PartView], hand_eye: HandEye) -> FloatArray:
+    """(n, 6, c), in base axes."""
+    cameras = Poses.of([v.base_from_tool @ hand_eye.tool_from_camera for v in views])
+    levers = [v.by_camera for v in views if v.by_camera is not None]
+    if len(levers) != len(views):
+        raise ValueError("every view needs its by_camera")
+    return _turned(cameras.rotation, np.eye(6)) @ np.stack(levers)
+
+
+def own_shares(
+    views: Sequence[PartView], hand_eye: HandEye
+) -> tuple[FloatArray, FloatArray]:
+    """The two summands (6, 6) of a located part's ``own_covariance``.
+
+    Returns:
+        What the pictures and what the poses of the robot contribute, in base axes.
+
+    Raises:
+        ValueError: no views.
+    """
+    poses = Poses.of(
+        [
+            v.base_from_tool @ hand_eye.tool_from_camera @ v.camera_from_part
+            for v in views
+        ]
+    )
+    known = _Known.of(views, poses, hand_eye, None)
+    by_picture = known.gain @ known.pictures @ known.gain.T
+    by_robot = known.gain @ known.robot @ known.gain.T
+    return by_picture, by_robot
 
 
 @dataclass(frozen=True)
@@ -159,8 +260,11 @@ def viewpoint_error(covariance: FloatArray) -> ViewpointError:
 
 def _noise(
     views: Sequence[PartView], parts: Poses, hand_eye: HandEye
-) -> tuple[FloatArray, FloatArray]:
-    """Covariances (n, 6, 6) of single views, and levers (n, 6, 6) of the hand-eye."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Covariances of single views by picture and by robot, and levers of the hand-eye.
+
+    All are (n, 6, 6).
+    """
     x = only(hand_eye.tool_from_camera)
     tools = Poses.of([view.base_from_tool for view in views])
     cameras = tools @ x
@@ -169,9 +273,9 @@ def _noise(
     shift = parts.translation_mm - cameras.translation_mm
     levers = _at(shift) @ _turned(tools.rotation, np.eye(6))
     pictures = np.stack([view.covariance for view in views])
-    noise = picture @ pictures @ np.swapaxes(picture, 1, 2)
-    noise = noise + robot @ hand_eye.robot_covariance @ np.swapaxes(robot, 1, 2)
-    return noise, levers
+    by_picture = picture @ pictures @ np.swapaxes(picture, 1, 2)
+    by_robot = robot @ hand_eye.robot_covariance @ np.swapaxes(robot, 1, 2)
+    return by_picture, by_robot, levers
 
 
 def _at(lever_mm: FloatArray) -> FloatArray:

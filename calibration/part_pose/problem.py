@@ -67,10 +67,11 @@ class PoseProblem:
         found = [(off / points.sigma_px).ravel()]
         if len(circles.pixels):
             rims, _ = rim_centres(self.camera, *state, circles)
-            found.append(((rims - circles.pixels) / circles.sigma_px).ravel())
+            off_rims = (rims - circles.pixels) / circles.sigmas_px[:, None]
+            found.append(off_rims.ravel())
         if len(edges.pixels):
             across, _ = off_edges(self.camera, *state, edges, self.edge_rays)
-            found.append(across / edges.sigma_px)
+            found.append(across / edges.sigmas_px)
         return np.concatenate(found)
 
     def jacobian(self, state: State) -> FloatArray:
@@ -86,10 +87,11 @@ class PoseProblem:
             found.append(seen.d_pose.reshape(-1, 6) / points.sigma_px)
         if len(circles.pixels):
             _, d_rims = rim_centres(self.camera, *state, circles)
-            found.append(d_rims.reshape(-1, 6) / circles.sigma_px)
+            d_rims = d_rims / circles.sigmas_px[:, None, None]
+            found.append(d_rims.reshape(-1, 6))
         if len(edges.pixels):
             _, d_off = off_edges(self.camera, *state, edges, self.edge_rays)
-            found.append(d_off / edges.sigma_px)
+            found.append(d_off / edges.sigmas_px[:, None])
         return np.concatenate(found)
 
     def moved(self, state: State, step: FloatArray) -> State:

@@ -14,19 +14,24 @@ import numpy as np
 from calibration.estimate import FitOptions, fit
 from calibration.part_pose.problem import PoseProblem
 from calibration.part_pose.start import starts
+from calibration.projection import CAMERA_NAMES
 from mvp.errors import CalibrationError
 from mvp.geometry import Pose
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from calibration.estimate import Estimate, Fit
     from calibration.part_pose.problem import State
     from calibration.part_pose.sightings import PartSight
     from calibration.projection import PinholeCamera
+    from mvp.geometry import FloatArray
 
 AMBIGUOUS_BELOW = 2.0
 _FIT = FitOptions(most_steps=60, tolerance=1e-6)
 _SAME_RAD = float(np.radians(0.2))
 _EXACT_SIGMA = 1e-6
+_CAMERA_STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +109,35 @@ def resect(
         )
     branches = tuple(_branch(one, part) for one in found)
     return _ordered(branches, near)
+
+
+def by_camera(
+    camera: PinholeCamera, sight: PartSight, branch: Branch, names: Sequence[str]
+) -> FloatArray:
+    """(6, c): change of a pose for errors of intrinsics that were held fixed.
+
+    Args:
+        camera: as it was held.
+        sight: what was seen.
+        branch: the pose.
+        names: of the intrinsics, from ``CAMERA_NAMES``.
+    """
+    pose = branch.camera_from_part
+    state = (pose.rotation, pose.translation_mm)
+    jacobian = PoseProblem.of(camera, sight).jacobian(state)
+    columns = []
+    for name in names:
+        place = CAMERA_NAMES.index(name)
+        step = np.zeros(len(CAMERA_NAMES))
+        step[place] = _CAMERA_STEP * max(abs(camera.values[place]), 1.0)
+        plus, minus = (
+            PoseProblem.of(camera.with_values(camera.values + side * step), sight)
+            for side in (1, -1)
+        )
+        change = plus.residuals(state) - minus.residuals(state)
+        columns.append(change / (2 * step[place]))
+    slopes = np.stack(columns, axis=1)
+    return np.asarray(-np.linalg.lstsq(jacobian, slopes, rcond=None)[0])
 
 
 def _refined(problem: PoseProblem, from_states: list[State]) -> list[Fit[State]]:

@@ -55,6 +55,7 @@ class SeenCircles:
         pixels: (n, 2), centres of the ellipses.
         sigma_px: one standard deviation of each coordinate.
         names: (n,) for reports, or empty.
+        each_sigma_px: (n,) instead, where they are not all known alike.
     """
 
     centres_part_mm: FloatArray = field(default_factory=lambda: _none(3))
@@ -63,15 +64,22 @@ class SeenCircles:
     pixels: FloatArray = field(default_factory=lambda: _none(2))
     sigma_px: float = 0.1
     names: tuple[str, ...] = ()
+    each_sigma_px: FloatArray | None = None
 
     def __post_init__(self) -> None:
         _check(self.centres_part_mm, self.pixels, self.sigma_px)
+        _check_each(self.pixels, self.each_sigma_px)
         if self.normals_part.shape != self.centres_part_mm.shape:
             raise ValueError("one normal for each circle")
         if self.radii_mm.shape != (len(self.pixels),):
             raise ValueError("one radius for each circle")
         if len(self.normals_part):
             object.__setattr__(self, "normals_part", unit(self.normals_part))
+
+    @property
+    def sigmas_px(self) -> FloatArray:
+        """(n,)."""
+        return _each(self.pixels, self.sigma_px, self.each_sigma_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +92,7 @@ class SeenEdges:
         edge: (k,), the edge of each place, 0 .. e - 1.
         sigma_px: one standard deviation across the edge.
         names: (e,) for reports, or empty.
+        each_sigma_px: (k,) instead, where the places are not all known alike.
     """
 
     ends_part_mm: FloatArray = field(default_factory=lambda: _none(2, 3))
@@ -91,6 +100,7 @@ class SeenEdges:
     edge: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     sigma_px: float = 0.1
     names: tuple[str, ...] = ()
+    each_sigma_px: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if self.ends_part_mm.shape[1:] != (2, 3) or self.pixels.shape[1:] != (2,):
@@ -101,6 +111,12 @@ class SeenEdges:
         if len(counts) != len(self.ends_part_mm) or (counts < 2).any():
             raise ValueError("each edge needs two places at least")
         _check_noise(self.pixels, self.sigma_px)
+        _check_each(self.pixels, self.each_sigma_px)
+
+    @property
+    def sigmas_px(self) -> FloatArray:
+        """(k,)."""
+        return _each(self.pixels, self.sigma_px, self.each_sigma_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +159,15 @@ def _check(points: FloatArray, pixels: FloatArray, sigma_px: float) -> None:
     if not np.isfinite(points).all():
         raise ValueError("points must be finite")
     _check_noise(pixels, sigma_px)
+
+
+def _check_each(pixels: FloatArray, each: FloatArray | None) -> None:
+    if each is not None and not (each.shape == (len(pixels),) and (each > 0).all()):
+        raise ValueError("one positive sigma for each place")
+
+
+def _each(pixels: FloatArray, sigma_px: float, each: FloatArray | None) -> FloatArray:
+    return np.full(len(pixels), sigma_px) if each is None else each
 
 
 def _check_noise(pixels: FloatArray, sigma_px: float) -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.cell.arrival import arrival_tolerance
+from mvp.cell.locate_sights import TaskSights
 from mvp.cell.standstill import UnderWay
 from mvp.devices import DrivesStraight
 from mvp.errors import DeviceFault, InfeasibleError, MotionStopped
@@ -102,6 +103,11 @@ class CellBench:
         """The task's part, part frame."""
         return self._setting.scene.scene.part
 
+    @cached_property
+    def sights(self) -> TaskSights:
+        """The task's part as it can be looked at; see ``Bench``."""
+        return TaskSights(self._setting, self._facts)
+
     def rng(self, number: int) -> np.random.Generator:
         """Randomness of the session's seed and a number."""
         return np.random.default_rng([self._facts.seed, number])
@@ -147,9 +153,17 @@ class CellBench:
             cell.joint_margin,
             clearance_mm=self._setting.arm.clearance_mm,
             reference=np.asarray(self.devices.arm.state().joints, np.float64),
-            targets_part_mm=_corners_base_mm(self._facts),
+            targets_part_mm=self._looked_at_mm(),
             singularity_margin=cell.config.kinematics.singularity_margin,
         )
+
+    def _looked_at_mm(self) -> FloatArray:
+        """What the arm must not hide, base frame: the part's features or the target."""
+        if self._facts.key != "part":
+            return _corners_base_mm(self._facts)
+        features = self._setting.scene.scene.features
+        points = np.concatenate([f.key_points_mm for f in features])
+        return self._facts.base_from_part.apply(points)
 
     def _in_workspace(self, point_mm: FloatArray) -> bool:
         low, high = self._facts.workspace_low_mm, self._facts.workspace_high_mm

@@ -9,6 +9,7 @@ from mvp.imaging.expectation import (
 from mvp.imaging.foretell import foretold
 from mvp.imaging.light import Illumination, Lamp
 from mvp.imaging.measure_exposure import meter_exposure
+from mvp.imaging.measure_part import PartLines, measure_part
 from mvp.imaging.predict import expect_view
 from mvp.imaging.predict_contrast import BothSides, both_sides
 from mvp.imaging.predict_rims import outward_normals
@@ -29,6 +30,7 @@ __all__ = [
     "Illumination",
     "Lamp",
     "LensState",
+    "PartLines",
     "PlanarTexture",
     "RenderBody",
     "RenderQuality",
@@ -44,6 +46,7 @@ __all__ = [
     "expose",
     "exposure_for",
     "foretold",
+    "measure_part",
     "meter_exposure",
     "outward_normals",
     "printed_target",

@@ -44,6 +44,7 @@ a number that the store tells.
 """
 
 from mvp.wizard.facts import SessionFacts, TargetFacts
+from mvp.wizard.part import PartSights, SeenPart, SightView
 from mvp.wizard.protocol import (
     Bench,
     Outcome,
@@ -78,11 +79,14 @@ __all__ = [
     "Covered",
     "Forecast",
     "Outcome",
+    "PartSights",
     "Refusal",
     "Sampled",
     "Say",
+    "SeenPart",
     "SessionFacts",
     "Shot",
+    "SightView",
     "Stand",
     "Step",
     "Store",

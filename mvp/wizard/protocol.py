@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mvp.geometry import FloatArray, Pose, TriangleMesh
     from mvp.kinematics import ArmModel
     from mvp.wizard.facts import SessionFacts
+    from mvp.wizard.part import PartSights
     from mvp.wizard.steps import Answer, Step
 
     Steps: TypeAlias = Generator[Step, Answer, "Outcome"]
@@ -110,6 +111,11 @@ class Bench(Protocol):
     @property
     def part(self) -> TriangleMesh:
         """The task's part, part frame."""
+        ...
+
+    @property
+    def sights(self) -> PartSights:
+        """The task's part as it can be looked at and measured."""
         ...
 
     def rng(self, number: int) -> np.random.Generator:

@@ -1,0 +1,152 @@
+"""The part wizard: where a part lies, found from its own edges and holes.
+
+The views are the plan's own and others from aside; the drawing of the part says which
+line is which. Every picture improves the belief that the next view is aimed by.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from calibration.wizard.part_result import (
+    KEY,
+    found_of,
+    middle_sigma_mm,
+    outcome_of,
+    remember_plan,
+)
+from calibration.wizard.part_sight import look
+from calibration.wizard.session_store import SessionStore
+from mvp.wizard import (
+    Allow,
+    Covered,
+    Forecast,
+    Outcome,
+    Refusal,
+    Sampled,
+    Say,
+    Word,
+    Working,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from calibration.wizard.session_store import Sample
+    from mvp.geometry import Pose
+    from mvp.wizard import Answer, Bench, SightView, Step, WizardOptions
+
+FEWEST_VIEWS = 3
+BAR_MM = 0.3
+_WHAT = "how well the middle of the features is known (95 %)"
+
+
+class PartWizard:
+    """``mvp-cell calibrate part``."""
+
+    key: ClassVar[str] = KEY
+    writes: ClassVar[str] = "part_pose"
+    sessions: ClassVar[type[SessionStore]] = SessionStore
+
+    def steps(
+        self, bench: Bench, store: SessionStore, options: WizardOptions
+    ) -> Generator[Step, Answer, Outcome]:
+        """The plan's views, then others from aside; see ``Wizard``."""
+        yield Working("planning views of the part")
+        views = list(bench.sights.views())
+        if not store.count:
+            remember_plan(store, views)
+        yield Say(
+            f"the part is looked at from up to {len(views)} sides; it is expected where "
+            "part_pose of the cell says, to some millimetres"
+        )
+        most = min(len(views), options.most_samples or len(views))
+        fewest = min(FEWEST_VIEWS, most)
+        unwanted: set[str] = set()
+        while len(store.usable()) < most:
+            if len(store.usable()) >= fewest and _error_mm(store) <= BAR_MM:
+                break
+            view = _next(views, store, unwanted)
+            if view is None:
+                break
+            told = yield from _taken(bench, store, view)
+            if told is Word.FINISH:
+                break
+            if told is Word.UNDO:
+                store.undo()
+            elif told is None:
+                unwanted.add(view.name)
+            yield _covered(store, fewest)
+        return self.outcome(store)
+
+    def outcome(self, store: SessionStore) -> Outcome:
+        """From the folder alone; see ``Wizard``."""
+        return outcome_of(store)
+
+    def page(self, store: SessionStore, outcome: Outcome) -> str:
+        """The report of the located part; see ``Wizard``."""
+        return ""
+
+
+def _next(
+    views: list[SightView], store: SessionStore, unwanted: set[str]
+) -> SightView | None:
+    """The first view that nobody refused and that has no picture."""
+    taken = {sample.name for sample in store.samples}
+    left = (v for v in views if v.name not in taken and v.name not in unwanted)
+    return next(left, None)
+
+
+def _taken(
+    bench: Bench, store: SessionStore, view: SightView
+) -> Generator[Step, Answer, Sample | Word | None]:
+    """Drive there and look; None when the arm cannot or should not."""
+    believed = _believed(store)
+    goal = believed @ view.part_from_camera
+    stand = bench.joints_for(goal, d_mm=view.d_mm)
+    if isinstance(stand, Refusal):
+        yield Say(f"{view.name} is left out: {stand.reason}")
+        return None
+    way = bench.way_to(stand.joints)
+    if isinstance(way, Refusal):
+        yield Say(f"{view.name} is left out: {way.reason}")
+        return None
+    allowed = yield Allow(f"to look at the part: {view.name}", way.seconds)
+    if isinstance(allowed, Word):
+        return allowed
+    if not allowed:
+        return None
+    bench.move(stand.joints)
+    steps = view.lens_steps
+    bench.set_lens(zoom=steps["zoom"], focus=steps["focus"], iris=steps["iris"])
+    shot = bench.shoot()
+    d_mm = store.facts.lens_at(dict(shot.lens_steps)).d_mm
+    camera = shot.base_from_tool @ store.facts.tool_from_camera(d_mm)
+    yield Working(f"measuring the part in {view.name}")
+    seen = look(bench.sights, shot, store.facts, camera.inverse() @ believed)
+    sample = store.add(shot, seen.finding(shot), name=view.name)
+    yield Sampled(
+        sample.number, sample.name, sample.usable, sample.reason, sample.action
+    )
+    return sample
+
+
+def _believed(store: SessionStore) -> Pose:
+    """Where the part lies by all pictures so far."""
+    found = found_of(store)
+    return store.facts.base_from_part if found is None else found.located.base_from_part
+
+
+def _error_mm(store: SessionStore) -> float:
+    found = found_of(store)
+    return np.inf if found is None else 1.96 * middle_sigma_mm(found)
+
+
+def _covered(store: SessionStore, fewest: int) -> Covered:
+    count, error = len(store.usable()), _error_mm(store)
+    return Covered(
+        bars=(("views", min(count / fewest, 1.0)),),
+        forecast=Forecast(_WHAT, error if np.isfinite(error) else None, BAR_MM, "mm"),
+    )
