@@ -19,6 +19,7 @@ from calibration.wizard.camera_result import (
     FEWEST,
     LENS_SETTING,
     outcome_of,
+    page_of,
     setting_of,
 )
 from calibration.wizard.camera_views import Progress
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from mvp.wizard import Answer, Bench, Outcome, Step, WizardOptions
 
 FEWEST_VIEWS, MOST_VIEWS, HELD_OUT_VIEWS = 10, 24, 4
-BAR_PX = 0.25
+BAR_PX = 0.5
 _ENOUGH_FIELDS = 0.9
 _FAILURES = 12
 _SQUARE = "square_mm"
@@ -84,7 +85,7 @@ class CameraWizard:
 
     def page(self, store: SessionStore, outcome: Outcome) -> str:
         """The report; see ``Wizard``."""
-        return ""
+        return page_of(store, outcome)
 
 
 # ------------------------------------------------------------------- pre-flight

@@ -7,32 +7,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibration.camera import calibrate_camera, held_out_errors_px
+from calibration.camera import CameraEstimate, calibrate_camera, held_out_errors_px
 from calibration.camera_uncertainty import projection_uncertainty
+from calibration.observations import Observations
 from calibration.projection import CAMERA_NAMES
+from calibration.report import about_session, camera_report, render_report
 from calibration.results import camera_calibration
 from calibration.verdict import Verdict
 from calibration.wizard.camera_views import result_options
 from calibration.wizard.comparison import compare_cameras
+from calibration.wizard.lookout import target_of
+from calibration.wizard.provenance import provenance_of, validity_of
 from calibration.wizard.verification import HeldOutView, Verification
 from calibration.wizard.working import Setting
-from mvp.calibrated import Provenance, Validity
 from mvp.errors import CalibrationError
 from mvp.wizard import Outcome
 
 if TYPE_CHECKING:
-    from calibration.camera import CameraEstimate
     from calibration.camera_uncertainty import ProjectionUncertainty
-    from calibration.observations import Observations
     from calibration.wizard.comparison import Comparison
     from calibration.wizard.session_store import SessionStore
-    from mvp.calibrated import CameraCalibration
-    from mvp.wizard import SessionFacts
+    from mvp.calibrated import CameraCalibration, Provenance
 
 LENS_SETTING = "lens_setting"
 FEWEST = 3
 _NORMAL_95 = 1.96
-_RANGE_K = 5.0
 _WHAT = "where points are seen, by the other points of the same view,"
 
 
@@ -79,7 +78,7 @@ def outcome_of(store: SessionStore) -> Outcome:
         sensor=facts.sensor,
         provenance=_provenance(store, len(samples)),
         error_95_mm=_NORMAL_95 * float(work.refitted_mm.max()) if work else None,
-        validity=_validity(facts),
+        validity=validity_of(facts),
     )
     compared = compare_cameras(facts.camera, document, distance_mm=distance)
     return Outcome(
@@ -92,8 +91,6 @@ def outcome_of(store: SessionStore) -> Outcome:
             "seen": seen,
             "verification": held,
             "comparison": compared,
-            "distance_mm": distance,
-            "setting": setting,
         },
     )
 
@@ -127,29 +124,31 @@ def _on_the_work(
         return None
 
 
+def page_of(store: SessionStore, outcome: Outcome) -> str:
+    """The report of a result."""
+    found, seen = outcome.details["result"], outcome.details["seen"]
+    if not (isinstance(found, CameraEstimate) and isinstance(seen, Observations)):
+        raise TypeError("not the outcome of a camera session")
+    distance = setting_of(store).stand_off_mm(store.facts)
+    target = target_of(store.facts)
+    data = camera_report(
+        found,
+        seen,
+        about_session(store, outcome.document, distance_mm=distance),
+        distance_mm=distance,
+        target_share=target.square_sigma_mm / target.square_mm,
+    )
+    held = outcome.details["verification"]
+    words = (held.words,) if isinstance(held, Verification) else ()
+    return render_report(replace(data, notes=(*data.notes, *words)))
+
+
 def _provenance(store: SessionStore, views: int) -> Provenance:
-    facts = store.facts
-    return Provenance(
-        date=facts.date,
-        device_serial=facts.serials.get("camera", ""),
-        method=f"{views} views of a target, chosen by what they tell",
-        simulated=facts.simulated,
-        input_sha256=store.sha256(),
-        temperature_c=facts.temperature_c,
-        origin="measured",
-        serial_numbers={
-            role: serial for role, serial in facts.serials.items() if role != "arm"
-        },
-    )
-
-
-def _validity(facts: SessionFacts) -> Validity:
-    if facts.temperature_c is None:
-        return Validity()
-    return Validity(
-        temperature_min_c=facts.temperature_c - _RANGE_K,
-        temperature_max_c=facts.temperature_c + _RANGE_K,
-    )
+    """The arm has no part in it."""
+    method = f"{views} views of a target, chosen by what they tell"
+    stamp = provenance_of(store, "camera", method)
+    mine = {k: v for k, v in stamp.serial_numbers.items() if k != "arm"}
+    return stamp.model_copy(update={"serial_numbers": mine})
 
 
 def _lines(

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from mvp.wizard import SessionFacts
 
 FREE = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
-_SIGMA_PX = 0.15
+_SIGMA_PX, _LEAST_PX = 0.15, 0.03
 _NEAR, _FAR = 0.7, 1.4
 _TILT_RAD = float(np.radians(38.0))
 _CALM_TILT_RAD = float(np.radians(25.0))
@@ -80,6 +80,7 @@ class Progress:
     Attributes:
         setting: of the lens.
         camera: the best guess so far.
+        sigma_px: how well a coordinate is found, by what is left in the views so far.
         aim: where camera and target are.
         knowledge: information so far, and the task: a point at the working distance.
         covered: None before the first view.
@@ -88,6 +89,7 @@ class Progress:
     lookout: Lookout
     setting: Setting
     camera: PinholeCamera
+    sigma_px: float
     aim: Aim
     free: Freedom
     knowledge: Knowledge
@@ -100,25 +102,26 @@ class Progress:
         lens = facts.lens_at(setting.by_name)
         nominal = camera_at(facts, lens)
         options = _guess_options(facts, nominal)
-        camera, covered, poses = nominal, None, None
+        camera, covered, poses, sigma_px = nominal, None, None, _SIGMA_PX
         if samples:
             seen = lookout.store.observations(samples)
-            start = poses_with(nominal, seen)
-            state = calibrate_camera(seen, options, start=start).state
-            camera = state.camera
+            found = calibrate_camera(seen, options, start=poses_with(nominal, seen))
+            state, camera = found.state, found.camera
+            sigma_px *= float(np.sqrt(found.estimate.variance_factor))
+            sigma_px = max(sigma_px, _LEAST_PX)
             poses = Poses(state.rotation, state.translation_mm)
             covered = coverage(seen, poses)
         free = freedom(camera, options.free, tied_focal=True)
         information = _prior_information(free, options)
         if poses is not None:
             views = _taken(lookout, camera, poses, samples)
-            more = camera_information(camera, free, views, _SIGMA_PX)
+            more = camera_information(camera, free, views, sigma_px)
             information = information + more.sum(axis=0)
         distance = setting.stand_off_mm(facts)
         weight = camera_task(camera, free, lookout.size_px, distance)
         aim = lookout.aim(list(samples), lens.d_mm)
         known = Knowledge(information, weight)
-        return cls(lookout, setting, camera, aim, free, known, covered)
+        return cls(lookout, setting, camera, sigma_px, aim, free, known, covered)
 
     @property
     def mm_per_px(self) -> float:
@@ -150,7 +153,7 @@ class Progress:
 
     def information(self, views: TargetViews) -> FloatArray:
         """(n, k, k): what each would tell about the camera."""
-        return camera_information(self.camera, self.free, views, _SIGMA_PX)
+        return camera_information(self.camera, self.free, views, self.sigma_px)
 
     def new_fields(self, views: TargetViews) -> FloatArray:
         """(n, 1, 1): how many empty fields of the picture each would fill."""
