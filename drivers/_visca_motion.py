@@ -206,4 +206,4 @@ class ViscaMotion:
                     break
                 self._clock.wait(never, _POLL_S)
         except DeviceError as error:
-            _LOG.error("%s: may still move: %s", self._name, error.message)
+            _LOG.error("%s: may still move: %s", self._name, error.detail)

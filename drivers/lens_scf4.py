@@ -285,4 +285,4 @@ class Scf4Lens:
                 homed = self._homed
             self._stand(homed=homed)
         except DeviceError as error:
-            _LOG.error("%s: may still move: %s", self.name, error.message)
+            _LOG.error("%s: may still move: %s", self.name, error.detail)
