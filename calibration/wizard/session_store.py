@@ -16,10 +16,9 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-import numpy as np
-from pydantic import Field, JsonValue, ValidationError
+from pydantic import ValidationError
 
 from calibration.observations import Observations
 from mvp.cell.durable import (
@@ -31,72 +30,23 @@ from mvp.cell.durable import (
 )
 from mvp.cell.run_folder import decode_png, encode_png
 from mvp.errors import RecordError
-from mvp.fileedge import FileModel, read_file
-from mvp.geometry import Pose
-from mvp.wizard import SessionFacts
+from mvp.fileedge import read_file
+from mvp.wizard import Sample, SessionFile
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    import numpy as np
     from numpy.typing import NDArray
+    from pydantic import JsonValue
 
     from calibration.targets import Detection
-    from mvp.geometry import FloatArray
-    from mvp.wizard import Shot
+    from mvp.wizard import SessionFacts, Shot
 
-SAMPLE_SCHEMA: Literal["mvp-cell/calibration-sample/1"] = (
-    "mvp-cell/calibration-sample/1"
-)
+__all__ = ["Finding", "Sample", "SessionStore"]
+
 _NO_SESSION = "name the folder of a session, such as calibration/sessions/camera-..."
-
-
-class Sample(FileModel):
-    """One picture and everything known about it.
-
-    ``role``: what it is for, such as ``calibration`` or ``verification``. ``ids``,
-    ``points_mm``, ``pixels``: what was found in it, (m,), (m, 3), (m, 2). ``extra``: what
-    only this wizard understands. ``base_from_tool``: as the arm told.
-    """
-
-    schema_: Literal["mvp-cell/calibration-sample/1"] = Field(
-        default=SAMPLE_SCHEMA, alias="schema"
-    )
-    number: int = Field(ge=1)
-    name: str
-    role: str = "calibration"
-    image: str
-    sha256: str
-    usable: bool
-    reason: str = ""
-    action: str = ""
-    ids: list[int] = Field(default_factory=list)
-    points_mm: list[tuple[float, float, float]] = Field(default_factory=list)
-    pixels: list[tuple[float, float]] = Field(default_factory=list)
-    joints: list[float]
-    base_from_tool: list[list[float]]
-    lens_steps: dict[str, int]
-    full_scale: int
-    exposure_s: float
-    gain: float
-    times_s: dict[str, float]
-    settled: bool
-    extra: dict[str, JsonValue] = Field(default_factory=dict)
-
-    @property
-    def pose(self) -> Pose:
-        """``base_from_tool``."""
-        return Pose.from_matrix("base", "tool", np.asarray(self.base_from_tool))
-
-    @property
-    def found_points_mm(self) -> FloatArray:
-        """(m, 3), target frame."""
-        return np.asarray(self.points_mm, dtype=np.float64).reshape(-1, 3)
-
-    @property
-    def found_pixels(self) -> FloatArray:
-        """(m, 2)."""
-        return np.asarray(self.pixels, dtype=np.float64).reshape(-1, 2)
 
 
 @dataclass(frozen=True)
@@ -116,17 +66,10 @@ class Finding:
     extra: Mapping[str, JsonValue] = field(default_factory=dict)
 
 
-class _SessionFile(FileModel):
-    """``session.json``."""
-
-    facts: SessionFacts
-    remembered: dict[str, JsonValue] = Field(default_factory=dict)
-
-
 class SessionStore:
     """Samples of one session, on disk before they count. See the module's text."""
 
-    def __init__(self, path: Path, file: _SessionFile, samples: list[Sample]) -> None:
+    def __init__(self, path: Path, file: SessionFile, samples: list[Sample]) -> None:
         self._path = path
         self._file = file
         self._samples = samples
@@ -145,7 +88,7 @@ class SessionStore:
             sync_folder(folder.parent)
         except OSError as error:
             raise output_error(folder, error) from error
-        store = cls(folder, _SessionFile(facts=facts), [])
+        store = cls(folder, SessionFile(facts=facts), [])
         store._write()
         return store
 
@@ -322,10 +265,10 @@ def _sample(
     )
 
 
-def _session_file(path: Path) -> _SessionFile:
+def _session_file(path: Path) -> SessionFile:
     content = read_file(path, RecordError, hint=_NO_SESSION)
     try:
-        return _SessionFile.model_validate_json(content)
+        return SessionFile.model_validate_json(content)
     except ValidationError as error:
         raise _damaged(path, error.errors(include_url=False)[0]["msg"]) from error
 

@@ -9,6 +9,7 @@ from mvp.calibrated import (
     LensTableCalibration,
     RigidCalibration,
 )
+from mvp.cell.calibrate_document import CalibrateDocument
 from mvp.cell.cell_config import CellConfig
 from mvp.cell.check_items import CheckDocument
 from mvp.cell.documents import (
@@ -28,6 +29,7 @@ from mvp.cell.run_document import RunDocument
 from mvp.cell.simulation import Simulation
 from mvp.cell.task_config import TaskConfig
 from mvp.planning.plan import Plan
+from mvp.wizard import Sample, SessionFile
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -52,6 +54,9 @@ MODELS: dict[str, type[BaseModel]] = {
     "runs": RunsDocument,
     "report": ReportDocument,
     "init": InitDocument,
+    "calibrate": CalibrateDocument,
+    "calibration-session": SessionFile,
+    "calibration-sample": Sample,
 }
 
 

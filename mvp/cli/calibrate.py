@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -51,6 +53,7 @@ def calibrate(
 
     The result is put beside the cell file; the one before is kept.
     """
+    _one_thread_for_sums()
     from mvp.cell.calibrate_job import CalibrateRequest
     from mvp.cli.output import print_model
     from mvp.cli.wizard_view import print_result
@@ -65,6 +68,16 @@ def calibrate(
     if as_json:
         print_model(document)
     return 5 if document.verdict == "no-go" else 0
+
+
+def _one_thread_for_sums() -> None:
+    """Sums that are shared out to threads change their last digit with how many.
+
+    The linear algebra library reads this when it is loaded.
+    """
+    if "numpy" not in sys.modules:
+        for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+            os.environ[name] = "1"
 
 
 def _recomputed(

@@ -57,6 +57,7 @@ from mvp.wizard.protocol import (
     WizardOptions,
 )
 from mvp.wizard.registry import WIZARDS, load_wizard, wizard_keys
+from mvp.wizard.session_files import Sample, SessionFile
 from mvp.wizard.steps import (
     Allow,
     Answer,
@@ -81,10 +82,12 @@ __all__ = [
     "Outcome",
     "PartSights",
     "Refusal",
+    "Sample",
     "Sampled",
     "Say",
     "SeenPart",
     "SessionFacts",
+    "SessionFile",
     "Shot",
     "SightView",
     "Stand",
