@@ -49,7 +49,7 @@ def calibrate(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Measure a part of the cell, step by step, with a verdict in millimetres.
+    """Measure a part of the cell, with a verdict in millimetres.
 
     The result is put beside the cell file; the one before is kept.
     """
