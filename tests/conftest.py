@@ -129,6 +129,16 @@ def gv_camera(gv_camera_program: None) -> Iterator[GvCamera]:
     camera.kill()
 
 
+@pytest.fixture
+def virtual_copy(tmp_path: Path) -> Path:
+    """The virtual cell in a folder of one's own, whose name has a space."""
+    from mvp.cell.init_job import copy_cell
+
+    folder = tmp_path / "my cell"
+    copy_cell("virtual", folder)
+    return folder
+
+
 @pytest.fixture(params=["telegenicam", "aravis"])
 def genicam_backend(request: pytest.FixtureRequest) -> str:
     """Each library that the GenICam driver can use."""

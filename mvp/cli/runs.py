@@ -12,9 +12,9 @@ from mvp.cli.options import JsonOption
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rich.console import Console
-
     from mvp.cell.documents import RunSummary
+
+_ID_WIDTH = 44  # a longer id moves its own line only
 
 
 def runs(
@@ -32,7 +32,7 @@ def runs(
     found = summaries(out)
     lines = console()
     if found:
-        _list(lines, found)
+        print_runs(found)
         for run in found:
             if run.resume:
                 lines.print(f"go on with: {run.resume}", markup=False)
@@ -43,8 +43,10 @@ def runs(
     return 0
 
 
-def _list(lines: Console, found: Sequence[RunSummary]) -> None:
+def print_runs(found: Sequence[RunSummary]) -> None:
     """One line each, never wrapped: an id that is cut cannot be copied."""
+    from mvp.cli.output import console
+
     rows = [("run", "status", "views", "cell")]
     for run in found:
         done, count = "verified", run.verified
@@ -53,6 +55,7 @@ def _list(lines: Console, found: Sequence[RunSummary]) -> None:
         views = f"{count} of {run.views} {done}" if run.views else ""
         rows.append((run.run_id, run.status, views, run.cell))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    widths[0] = min(widths[0], _ID_WIDTH)
     for row in rows:
         padded = (f"{text:<{width}}" for text, width in zip(row, widths, strict=True))
-        lines.print("  ".join(padded).rstrip(), markup=False)
+        console().print("  ".join(padded).rstrip(), markup=False)

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from mvp.cell.loading import load_cell, load_task
-from mvp.cell.lock import cell_lock, lock_file
 from mvp.cell.places import bundled_root
 from mvp.cell.plan_job import make_plan
 from mvp.cell.records import Captured, RunFinished, RunStarted, Verified, read_records
+from mvp.cell.run_folder import RunFolder
 from mvp.cli.main import invoke
 
 TASK = """
@@ -259,14 +259,13 @@ def test_a_run_whose_process_died_is_listed_as_broken_off_with_its_command(
     assert words[1:] == [
         *("run", str(planned[0]), "--out", "my runs", "--resume", broken_off.name)
     ]
-    lock = lock_file(planned[0] / "cell.toml", out, simulated=True)
-    with cell_lock(lock, run_id=broken_off.name):
+    with RunFolder(out / broken_off.name).in_progress():
         assert invoke(["runs", "--out", "my runs", "--json"]) == 0
         (listed,) = json.loads(capsys.readouterr().out)["runs"]
         assert listed["status"] == "running"
     assert invoke(words[1:]) in JUDGED
     check_complete(out / broken_off.name)
-    assert not lock.exists()
+    assert [path.name for path in out.iterdir()] == [broken_off.name]
 
 
 def test_a_complete_run_is_resumed_without_opening_a_device(

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import pytest
 
 from mvp.cell.loading import load_cell, load_task
-from mvp.cell.lock import cell_lock, lock_file
 from mvp.cell.places import bundled_root
 from mvp.cell.plan_job import Setting, make_plan, prepare
 from mvp.cell.records import (
@@ -24,6 +23,7 @@ from mvp.cell.records import (
     read_records,
 )
 from mvp.cell.run_document import RunDocument
+from mvp.cell.run_folder import RunFolder
 from mvp.cell.run_job import RunOptions, start_run
 from mvp.cell.session import RunResult, Watcher
 from mvp.cell.states import RunState
@@ -41,7 +41,6 @@ from mvp.testing.require import wait_until
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mvp.cell.run_folder import RunFolder
     from mvp.cell.runner import Runner, RunOutcome
     from mvp.cell.states import RunStatus
     from mvp.planning.plan import Plan
@@ -255,14 +254,19 @@ def test_a_folder_that_vanishes_ends_the_run_before_the_next_motion(
     assert [r.view for r in starts] == ["v1"]
 
 
-def test_two_runs_on_one_cell_are_refused(prepared: Prepared, tmp_path: Path) -> None:
-    cell = tmp_path / "cell" / "cell.toml"
-    lock = lock_file(cell, tmp_path / "runs", simulated=True)
-    with cell_lock(lock, run_id="the first"):
-        with pytest.raises(RecordError, match="the first"):
-            run(prepared, tmp_path)
-        assert list((tmp_path / "runs").iterdir()) == [lock]
-    assert not list((tmp_path / "runs").iterdir())
+def test_two_processes_never_work_on_one_run(
+    prepared: Prepared, tmp_path: Path
+) -> None:
+    def follow(runner: Runner) -> None:
+        (folder,) = (tmp_path / "runs").iterdir()
+        with (
+            pytest.raises(RecordError, match="is going on in another process"),
+            RunFolder(folder).in_progress(),
+        ):
+            pass
+
+    result = run(prepared, tmp_path, follow=follow)
+    assert not result.folder.is_in_progress
 
 
 def test_motion_that_is_not_allowed_leaves_nothing_behind(
@@ -272,7 +276,7 @@ def test_motion_that_is_not_allowed_leaves_nothing_behind(
     watcher = Watcher(lambda motion: False, lambda runner: None)
     with pytest.raises(StoppedByOperator):
         start_run(setting, prepared.plan, RunOptions(tmp_path / "runs"), watcher)
-    assert not [p for p in (tmp_path / "runs").iterdir() if p.is_dir()]
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_device_that_does_not_answer_is_named_before_anything_is_kept(
@@ -284,7 +288,7 @@ def test_a_device_that_does_not_answer_is_named_before_anything_is_kept(
     )
     with pytest.raises(DeviceError, match=r"lens.*camera"):
         run(prepared, tmp_path, world)
-    assert not [p for p in (tmp_path / "runs").iterdir() if p.is_dir()]
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_wrong_part_fails_verification_and_names_a_cause(

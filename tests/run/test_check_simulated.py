@@ -9,11 +9,9 @@ import pytest
 
 from drivers._genicam import installed_backends
 from mvp.cell.check_job import load_unjudged
+from mvp.cell.in_use import using_devices
 from mvp.cell.init_job import copy_cell
-from mvp.cell.loading import load_cell, load_task
-from mvp.cell.lock import cell_lock
-from mvp.cell.plan_job import prepare
-from mvp.cell.run_job import lock_of
+from mvp.cell.loading import load_cell
 from mvp.cli.main import invoke
 
 if TYPE_CHECKING:
@@ -50,8 +48,6 @@ def test_a_cell_in_use_is_not_disturbed(
 ) -> None:
     folder = tmp_path / "cell"
     copy_cell("gantry_scf4_opencv", folder)
-    cell = load_unjudged(str(folder))
-    setting = prepare(cell, load_task(cell, None))
-    with cell_lock(lock_of(setting, cell.folder), run_id="a run"):
+    with using_devices(load_unjudged(str(folder)), who="a run"):
         document = checked(str(folder), 2, capsys)
     assert "a run" in document["message"]

@@ -7,14 +7,17 @@ import threading
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
+import numpy as np
 import pytest
 
 from drivers._genicam import buffer_finding, packet_findings
 from drivers.camera_genicam import GenicamCamera
 from mvp.cell.check_devices import check_devices
 from mvp.cell.engine import CellDevices
+from mvp.cell.loading import load_cell
 from mvp.devices import (
     Arm,
+    ArmState,
     Camera,
     DeviceInfo,
     Lens,
@@ -57,18 +60,18 @@ class Meeting:
         self.closed = True
 
 
+def setting() -> Setting:
+    """As much of a setting as the questions see before a device has answered."""
+    return cast("Setting", SimpleNamespace(cell=load_cell("virtual")))
+
+
 def test_all_devices_are_opened_and_asked_at_the_same_time() -> None:
     opening, asked = threading.Barrier(3), threading.Barrier(3)
     arm, lens, camera = (Meeting(n, opening, asked) for n in ("arm", "lens", "camera"))
     devices = CellDevices(
         cast("Arm", arm), cast("Lens", lens), cast("Camera", camera), RealClock()
     )
-    calibrations = SimpleNamespace(
-        files={}, accepted={}, **dict.fromkeys(("camera", "hand_eye"), _NO_SERIAL)
-    )
-    calibrations.lens_table = calibrations.part_pose = _NO_SERIAL
-    setting = SimpleNamespace(cell=SimpleNamespace(calibrations=calibrations))
-    items, found = check_devices(cast("Setting", setting), devices)
+    items, found = check_devices(setting(), devices)
     failed = {item.name: item.detail for item in items if not item.passed}
     assert failed == {
         f"{r} state": "RuntimeError: met" for r in ("arm", "lens", "camera")
@@ -79,7 +82,37 @@ def test_all_devices_are_opened_and_asked_at_the_same_time() -> None:
     assert camera.closed
 
 
-_NO_SERIAL = SimpleNamespace(provenance=SimpleNamespace(device_serial=""))
+def test_an_arm_that_cannot_move_as_it_is_has_failed_and_all_else_is_told() -> None:
+    class Locked(Meeting):
+        """A gantry in alarm that answers."""
+
+        role = "arm"
+        homed = False
+
+        def home(self, *, timeout_s: float) -> None:
+            pytest.fail("a check moves nothing")
+
+        def state(self) -> ArmState:
+            pose = np.eye(4)
+            return ArmState((0.0,), pose, True, 0.0, "the controller is locked (Alarm)")
+
+    opening, asked = threading.Barrier(3), threading.Barrier(2)
+    arm, lens, camera = (
+        kind(name, opening, asked)
+        for kind, name in ((Locked, "arm"), (Meeting, "lens"), (Meeting, "camera"))
+    )
+    devices = CellDevices(
+        cast("Arm", arm), cast("Lens", lens), cast("Camera", camera), RealClock()
+    )
+    items, found = check_devices(setting(), devices)
+    failed = {item.name: item for item in items if not item.passed}
+    assert list(failed) == ["arm state", "lens state", "camera state"]
+    assert (
+        "cannot move as it is: the controller is locked" in failed["arm state"].detail
+    )
+    assert "`mvp-cell recover CELL`" in failed["arm state"].hint
+    assert "`mvp-cell home CELL`" in failed["arm state"].hint
+    assert found[0].homed is False
 
 
 @pytest.fixture

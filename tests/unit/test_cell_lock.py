@@ -1,4 +1,4 @@
-"""One run at a time on one real cell, and no lock file left behind."""
+"""One command at a time on one real cell, and no lock file left behind."""
 
 from __future__ import annotations
 
@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from mvp.cell.lock import cell_lock, held_by, lock_file
+from mvp.cell.lock import (
+    cell_lock,
+    held_by,
+    holding,
+    lock_file,
+    private_file,
+    refuse_held,
+    remove_dead,
+)
 from mvp.cell.places import bundled_root
 from mvp.errors import OutputError, RecordError
 
@@ -31,11 +39,7 @@ def test_a_real_cell_has_one_lock_wherever_the_results_go(
 ) -> None:
     link = tmp_path / "link"
     link.symlink_to(cell_file.parent)
-    files = {
-        lock_file(cell, tmp_path / out, simulated=False)
-        for cell in (cell_file, link / "cell.toml")
-        for out in ("one", "two")
-    }
+    files = {lock_file(cell) for cell in (cell_file, link / "cell.toml")}
     assert files == {cell_file.parent / ".mvp-cell.lock"}
 
 
@@ -44,25 +48,48 @@ def test_a_bundled_or_read_only_cell_is_locked_in_a_private_folder(
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     bundled = bundled_root() / "virtual" / "cell.toml"
-    lock = lock_file(bundled, tmp_path / "out", simulated=False)
+    lock = lock_file(bundled)
     assert lock.parent == tmp_path / f"mvp-cell-{os.getuid()}"
     assert lock.parent.stat().st_mode & 0o777 == 0o700
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    other = lock_file(cell_file, tmp_path / "out", simulated=False)
+    other = lock_file(cell_file)
     assert other.parent == lock.parent
     assert other != lock
     lock.parent.chmod(0o777)
     with pytest.raises(OutputError, match="private"):
-        lock_file(bundled, tmp_path / "out", simulated=False)
+        lock_file(bundled)
 
 
-def test_the_lock_of_a_simulated_cell_goes_by_its_place_not_its_name(
-    cell_file: Path, tmp_path: Path
+def test_a_file_is_held_as_it_is_and_looking_at_it_takes_nothing(
+    tmp_path: Path,
 ) -> None:
-    out = tmp_path / "out"
-    lock = lock_file(cell_file, out, simulated=True)
-    assert lock.parent == out
-    assert lock != lock_file(tmp_path / "cell.toml", out, simulated=True)
+    file = tmp_path / "records.jsonl"
+    file.write_text("one line\n")
+    refuse_held(file)
+    with holding(file, what="the run"):
+        with pytest.raises(RecordError, match="the run is going on"):
+            holding(file, what="the run").__enter__()
+        with pytest.raises(RecordError, match="another process"):
+            refuse_held(file)
+        assert held_by(file) == ""
+    assert held_by(file) is None
+    assert file.read_text() == "one line\n"
+
+
+def test_what_dead_processes_left_in_the_private_folder_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    dead = private_file(tmp_path / "one" / "cell.toml", ".simulation.lock")
+    dead.write_text('{"pid": 1, "host": "x", "run": "simulate"}')
+    dead.with_suffix(".json").write_text("{}")
+    alive = private_file(tmp_path / "two" / "cell.toml", ".simulation.lock")
+    with cell_lock(alive, run_id="simulate"):
+        alive.with_suffix(".json").write_text("{}")
+        remove_dead()
+        assert sorted(dead.parent.iterdir()) == sorted(
+            [alive, alive.with_suffix(".json")]
+        )
 
 
 def test_the_lock_is_refused_while_held_and_gone_afterwards(tmp_path: Path) -> None:

@@ -9,7 +9,14 @@ from mvp.cell.recover_job import Guide, recover_device
 from mvp.cli.main import invoke
 from mvp.cli.recover import agree
 from mvp.devices import Recoverable, RecoveryStep
-from mvp.errors import DeviceFault, StoppedByOperator, UsageError
+from mvp.errors import (
+    ConnectError,
+    DeviceError,
+    DeviceFault,
+    LinkLost,
+    StoppedByOperator,
+    UsageError,
+)
 
 
 class Stuck:
@@ -22,6 +29,9 @@ class Stuck:
         self.left = ["look at it", "power it on"]
         self.done: list[str] = []
 
+    def open(self) -> None:
+        pass
+
     def recovery(self):
         while self.left:
             text = self.left[0]
@@ -33,8 +43,17 @@ class Stuck:
 
 
 class Plain:
-    role = "lens"
-    name = "lens"
+    """A device that knows no way back, and may not answer."""
+
+    role = "camera"
+    name = "camera"
+
+    def __init__(self, error: DeviceError | None = None) -> None:
+        self.error = error
+
+    def open(self) -> None:
+        if self.error is not None:
+            raise self.error
 
 
 def guide(*answers: bool) -> tuple[Guide, list[str]]:
@@ -78,10 +97,37 @@ def test_a_step_without_its_effect_ends_the_walk():
         recover_device(Broken(), walk)
 
 
-def test_a_device_without_a_way_back_is_named_so():
+def test_a_device_without_a_way_back_is_only_asked_how_it_is():
     walk, said = guide()
     found = recover_device(Plain(), walk)
     assert not found.recoverable
+    assert found.ready
+    assert not said
+
+
+@pytest.mark.parametrize("hint", ["", "look at the cable"])
+def test_a_device_that_does_not_answer_needs_something_by_hand(hint):
+    walk, _ = guide()
+    found = recover_device(
+        Plain(ConnectError("nobody answers", device="camera", hint=hint)), walk
+    )
+    assert not found.ready
+    assert found.detail == "nobody answers"
+    assert found.hint
+    assert hint in found.hint
+
+
+def test_an_arm_that_cannot_be_asked_keeps_nobody_from_asking_the_others():
+    class Away(Stuck):
+        def recovery(self):
+            raise LinkLost("unplugged", device="arm")
+            yield
+
+    walk, said = guide()
+    found = recover_device(Away(), walk)
+    assert found.recoverable
+    assert not found.ready
+    assert found.detail == "unplugged"
     assert not said
 
 
@@ -104,6 +150,22 @@ def test_a_virtual_cell_has_nothing_to_recover(capsys):
     document = json.loads(capsys.readouterr().out)
     assert document["schema"] == "mvp-cell/recover/1"
     assert not any(device["recoverable"] for device in document["devices"])
+    assert all(device["ready"] for device in document["devices"])
+
+
+def test_what_has_to_be_done_by_hand_is_said_for_this_very_cell(
+    virtual_copy, monkeypatch, capsys
+):
+    with (virtual_copy / "cell.toml").open("a") as file:
+        file.write("\n[world.faults.camera]\nunreachable = true\n")
+    monkeypatch.chdir(virtual_copy.parent)
+    assert invoke(["recover", "my cell"]) == 4
+    told = capsys.readouterr().err
+    assert "arm: ready, nothing to do" in told
+    assert "lens: answers; not homed (`mvp-cell home 'my cell'` homes it" in told
+    assert "camera: NOT ready: nobody answers" in told
+    assert "by hand: " in told
+    assert "CELL" not in told
 
 
 class _Terminal(io.StringIO):
