@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibration.bundle import Freedom, freedom
+from calibration.bundle import BundleState, Freedom, freedom
 from calibration.camera import CameraOptions, calibrate_camera
-from calibration.camera_start import poses_with
 from calibration.poses import Poses
 from calibration.wizard.coverage import Coverage, coverage, fields_of
 from calibration.wizard.lookout import camera_at, focus_at
@@ -105,7 +104,13 @@ class Progress:
         camera, covered, poses, sigma_px = nominal, None, None, _SIGMA_PX
         if samples:
             seen = lookout.store.observations(samples)
-            found = calibrate_camera(seen, options, start=poses_with(nominal, seen))
+            sights = [lookout.sight(sample) for sample in samples]
+            start = BundleState(
+                nominal,
+                np.concatenate([one.rotation for one in sights]),
+                np.concatenate([one.translation_mm for one in sights]),
+            )
+            found = calibrate_camera(seen, options, start=start)
             state, camera = found.state, found.camera
             sigma_px *= float(np.sqrt(found.estimate.variance_factor))
             sigma_px = max(sigma_px, _LEAST_PX)

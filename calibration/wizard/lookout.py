@@ -140,6 +140,7 @@ class Lookout:
         self.store = store
         self.facts = store.facts
         self.layout = layout_of(target_of(self.facts))
+        self._sights: dict[int, Poses] = {}
         self._told: set[str] = set()
         self._unwanted: list[Pose] = []
 
@@ -165,10 +166,7 @@ class Lookout:
             if not sample.usable or len(sample.pixels) < 6:
                 continue
             lens = self.facts.lens_at(sample.lens_steps)
-            seen = Observations.from_views(
-                [sample.found_points_mm], [sample.found_pixels], size_px=self.size_px
-            )
-            there = poses_with(camera_at(self.facts, lens), seen)
+            there = self.sight(sample)
             shift = np.array([0.0, 0.0, lens.d_mm - d_mm])
             tools.append(sample.pose)
             sights.append(Poses(there.rotation, there.translation_mm + shift[None]))
@@ -179,6 +177,17 @@ class Lookout:
             np.concatenate([s.translation_mm for s in sights]),
         )
         return found.after(Poses.of(tools), seen_from)
+
+    def sight(self, sample: Sample) -> Poses:
+        """``camera_from_target`` (a set of one) by the camera as it is believed to be."""
+        if sample.number not in self._sights:
+            lens = self.facts.lens_at(sample.lens_steps)
+            seen = Observations.from_views(
+                [sample.found_points_mm], [sample.found_pixels], size_px=self.size_px
+            )
+            there = poses_with(camera_at(self.facts, lens), seen)
+            self._sights[sample.number] = Poses(there.rotation, there.translation_mm)
+        return self._sights[sample.number]
 
     def goal(self, aim: Aim, camera_from_target: Poses, d_mm: float) -> Goal | Refused:
         """Whether and how the arm gets where one view (a set of one) is seen."""
