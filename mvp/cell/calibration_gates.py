@@ -42,6 +42,7 @@ _MADE_WITH = {
     "hand_eye": "arm",
     "part_pose": "arm",
 }
+_OTHER_TABLE = 0.03  # of f and d: nominal and measured tables differ by so much
 _WARM_K = 5.0  # where a file states a temperature, but no range
 
 
@@ -172,30 +173,38 @@ def of_lens_setting(
             refused=False,
         )
         return
-    table = LensTable.from_calibration(lens_table)
-    f_low, f_high = table.f_range_mm
-    if f_mm is not None and not table.zoom.reaches(f_mm):
-        yield Objection(
-            "hand_eye",
-            path,
-            f"{path}: hand-eye was measured at f = {f_mm:g} mm, but this lens has "
-            f"{f_low:.2f} to {f_high:.2f} mm ({paths['lens_table']})",
-            fix,
-        )
-        return
-    ranges = _d_ranges(
-        table, (f_low, f_high) if f_mm is None else (f_mm, f_mm), tubes_mm
+    try:
+        table = LensTable.from_calibration(lens_table)
+    except CalibrationError:
+        return  # told with file and value where the table is used
+    lens = paths["lens_table"]
+    f_range = table.f_range_mm
+    if f_mm is not None and not _near(f_mm, [f_range]):
+        at, has = f"f = {f_mm:g} mm", _ranges_words([f_range])
+    else:
+        at_f = f_range if f_mm is None else (f_mm, f_mm)
+        ranges = _d_ranges(table, at_f, tubes_mm)
+        if _near(d_mm, ranges):
+            return
+        at, has = f"d = {d_mm:g} mm", _ranges_words(ranges)
+    yield Objection(
+        "hand_eye",
+        path,
+        f"{path}: hand-eye was measured at {at}, but this lens has {has} mm ({lens})",
+        fix,
     )
-    slack = abs(float(table.focus.values_mm[1] - table.focus.values_mm[0]))
-    if not any(low - slack <= d_mm <= high + slack for low, high in ranges):
-        said = " or ".join(f"{low:.3f} to {high:.3f}" for low, high in ranges)
-        yield Objection(
-            "hand_eye",
-            path,
-            f"{path}: hand-eye was measured at d = {d_mm:g} mm, but this lens has "
-            f"{said} mm there ({paths['lens_table']})",
-            fix,
-        )
+
+
+def _near(value_mm: float, ranges_mm: Sequence[tuple[float, float]]) -> bool:
+    """Inside of a range, as far as another lens table may tell it otherwise."""
+    return any(
+        low * (1 - _OTHER_TABLE) <= value_mm <= high * (1 + _OTHER_TABLE)
+        for low, high in ranges_mm
+    )
+
+
+def _ranges_words(ranges_mm: Sequence[tuple[float, float]]) -> str:
+    return " or ".join(f"{low:.2f} to {high:.2f}" for low, high in ranges_mm)
 
 
 def _d_ranges(
