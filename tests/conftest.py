@@ -15,14 +15,17 @@ import signal
 import socket
 import subprocess
 import time
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from mvp.cell.engine import CellDevices
 
 settings.register_profile(
     "same-inputs",
@@ -137,6 +140,24 @@ def virtual_copy(tmp_path: Path) -> Path:
     folder = tmp_path / "my cell"
     copy_cell("virtual", folder)
     return folder
+
+
+@pytest.fixture
+def devices_at_home(monkeypatch: pytest.MonkeyPatch) -> list[CellDevices]:
+    """The devices of each cell that is being brought home, in turn."""
+    from mvp.cell import home_job
+
+    found: list[CellDevices] = []
+    make = home_job.devices_for
+
+    @contextmanager
+    def spied(*args: Any) -> Iterator[CellDevices]:
+        with make(*args) as devices:
+            found.append(devices)
+            yield devices
+
+    monkeypatch.setattr(home_job, "devices_for", spied)
+    return found
 
 
 @pytest.fixture(params=["telegenicam", "aravis"])

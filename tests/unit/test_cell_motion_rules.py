@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
@@ -21,8 +20,6 @@ from mvp.devices import Arm, ArmState, Camera, DeviceInfo, Lens, RealClock
 from mvp.errors import ConfigError, DeviceFault
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from mvp.cell.engine import ExposureRule, PictureStore, Verifier
     from mvp.cell.plan_job import Setting
     from mvp.geometry import FloatArray
@@ -76,32 +73,24 @@ def test_only_an_arm_in_the_computer_alone_begins_at_full_speed(
 
 
 def test_the_way_home_is_looked_for_from_where_the_arm_stands_then(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, devices_at_home: list[CellDevices]
 ) -> None:
     """While a person thinks it over, somebody may move the arm at its pendant."""
     cell = load_cell("virtual")
     task = load_task(cell, None)
-    devices: list[CellDevices] = []
     starts: list[FloatArray] = []
-    make, search = home_job.devices_for, home_job.find_path
-
-    @contextmanager
-    def spied(setting: Setting) -> Iterator[CellDevices]:
-        with make(setting) as found:
-            devices.append(found)
-            yield found
+    search = home_job.find_path
 
     def spied_search(bodies: object, here: FloatArray, *args: object, **keys: object):
         starts.append(here)
         return search(bodies, here, *args, **keys)  # type: ignore[arg-type]
 
     def allow(motion: object) -> bool:
-        arm = devices[0].arm
+        arm = devices_at_home[0].arm
         aside = np.add(arm.state().joints, [0.1, 0, 0, 0, 0, 0])
         arm.move_joints(aside.tolist(), timeout_s=60)
         return True
 
-    monkeypatch.setattr(home_job, "devices_for", spied)
     monkeypatch.setattr(home_job, "find_path", spied_search)
     document = home_cell(cell, task, allow)
     assert len(starts) == 2

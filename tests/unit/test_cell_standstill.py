@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from contextlib import contextmanager
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
 import pytest
 
-from mvp.cell import home_job
+from mvp.cell.home_job import home_cell
 from mvp.cell.loading import load_cell, load_task
 from mvp.cell.standstill import UnderWay, seen_at_rest, stopped_on_error, until
 from mvp.cli.main import invoke
@@ -28,7 +27,6 @@ from mvp.errors import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from mvp.cell.engine import CellDevices
@@ -172,24 +170,15 @@ def test_jog_says_what_stands_after_a_fault(
 
 
 def test_home_says_what_may_still_be_moving_when_a_device_is_lost(
-    monkeypatch: pytest.MonkeyPatch,
+    devices_at_home: list[CellDevices],
 ) -> None:
     cell = load_cell("virtual")
-    found: list[CellDevices] = []
-    make = home_job.devices_for
-
-    @contextmanager
-    def spied(*args: object) -> Iterator[CellDevices]:
-        with make(*args) as devices:  # type: ignore[arg-type]
-            found.append(devices)
-            yield devices
 
     def allow(motion: object) -> bool:
-        found[0].lens.close()
+        devices_at_home[0].lens.close()
         return True
 
-    monkeypatch.setattr(home_job, "devices_for", spied)
     with pytest.raises(DeviceError) as caught:
-        home_job.home_cell(cell, load_task(cell, None), allow)
+        home_cell(cell, load_task(cell, None), allow)
     assert caught.value.stands == "arm"
     assert caught.value.may_still_move.startswith("the lens, homing, until ")
