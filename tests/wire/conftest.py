@@ -16,7 +16,7 @@ from drivers.simulators.marlin import MarlinSimulator
 from drivers.simulators.ur import UrSimulator, UrSimulatorConfig
 from mvp.devices import DeviceContext, RecordingTransport
 from mvp.devices.transport import recorded_link
-from mvp.testing import nothing_in_the_way
+from mvp.testing import meanwhile, nothing_in_the_way
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from drivers._gantry.config import GantryConfig
     from mvp.devices import Lens, Transport, TransportConfig
+    from tests.wire.lens_makes import LensMake
 
 _MOVES = (1, 2, 3, 4, 45)  # moveJ, moveJ_IK, moveL, moveL_FK, a path
 
@@ -86,19 +87,14 @@ class LensBench:
     """A simulated lens controller, its fault channel, and lenses that drive it."""
 
     def __init__(
-        self,
-        stack: ExitStack,
-        simulator: type,
-        driver: type,
-        keys: dict[str, object],
-        settings: dict[str, object],
+        self, stack: ExitStack, make: LensMake, settings: dict[str, object]
     ) -> None:
-        config = simulator.Config.model_validate({"speed_scale": 20, **settings})
+        config = make.simulator.Config.model_validate({"speed_scale": 20, **settings})
         context = DeviceContext(rng=np.random.default_rng(7))
         self._stack = stack
-        self._driver = driver
-        self.simulator = simulator.from_config(config, context, name="lens")
-        self.keys = {**self.simulator.start(), "identify_s": 10, **keys}
+        self._driver = make.driver
+        self.simulator = make.simulator.from_config(config, context, name="lens")
+        self.keys = {**self.simulator.start(), "identify_s": 10, **make.keys}
         stack.callback(self.simulator.stop)
         port = self.simulator.control_port
         self.faults = stack.enter_context(ControlClient(port))
@@ -118,18 +114,22 @@ class LensBench:
         """Where the motors truly are, in steps."""
         return self.do("state")["places"]
 
+    def amid_a_move(
+        self, lens: Lens, target: dict[str, int], act: Callable[[], object]
+    ) -> object:
+        """What a move ends in when something happens while it goes on."""
+        return meanwhile(
+            lambda: lens.move_steps(**target, timeout_s=60),
+            lambda: not lens.state().standing,
+            act,
+        )
+
 
 @pytest.fixture
 def lens_bench() -> Iterator[Callable[..., LensBench]]:
     """Makes simulated lens controllers; all are ended with the test."""
     with ExitStack() as stack:
-
-        def make(
-            simulator: type, driver: type, keys: dict[str, object], **settings: object
-        ) -> LensBench:
-            return LensBench(stack, simulator, driver, keys, settings)
-
-        yield make
+        yield lambda make, **settings: LensBench(stack, make, settings)
 
 
 SLIDE = {"speed": 3000, "acceleration": 8000}

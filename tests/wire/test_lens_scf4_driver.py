@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from drivers.lens_scf4 import Scf4Lens
-from drivers.simulators.scf4 import Scf4Simulator
 from mvp.devices import DeviceContext, ReplayTransport
 from mvp.errors import (
     CalibrationError,
@@ -20,19 +19,12 @@ from mvp.errors import (
     DeviceFault,
     DeviceTimeout,
     LimitError,
-    LinkLost,
     MotionStopped,
     WireError,
 )
 from mvp.testing import FarEnd, meanwhile
+from tests.wire.lens_makes import SCF4
 
-MOVES = pytest.mark.parametrize("moves", [3, pytest.param(60, marks=pytest.mark.full)])
-AXES = {
-    "zoom": {"low": 17850, "high": 38650, "backlash_steps": 60},
-    "focus": {"low": 28500, "high": 38000, "approach": "from_above"},
-    "iris": {"low": 100, "high": 2200, "backlash_steps": 20},
-    "focus_motor": {"letter": "B", "home_step": 36000},
-}
 IDENTITY = b"EVB.1.0.2, SCF4-M RevB, Kurokesu, 5DDFF39-3739584E-00000001\r\n"
 
 
@@ -90,12 +82,7 @@ def far_end(board: Board) -> FarEnd:
     return FarEnd("lens", board)
 
 
-def lens_on(far_end: FarEnd, **keys: object) -> Scf4Lens:
-    fast = {"settle_s": 0, "answer_s": 0.2, "identify_s": 0}
-    config = Scf4Lens.Config.model_validate({"port": "x", **AXES, **fast, **keys})
-    return Scf4Lens.from_config(
-        config, DeviceContext(transports=far_end.as_link), name="lens"
-    )
+lens_on = partial(SCF4.over, settle_s=0)
 
 
 def orders(far_end: FarEnd) -> list[str]:
@@ -269,7 +256,7 @@ def test_nothing_forbidden_is_ever_sent(far_end: FarEnd) -> None:
 @pytest.fixture
 def bench(lens_bench) -> Callable[..., object]:
     """A simulator and a lens on it; keys are those of the simulator."""
-    return partial(lens_bench, Scf4Simulator, Scf4Lens, AXES)
+    return partial(lens_bench, SCF4)
 
 
 @pytest.mark.parametrize(
@@ -287,15 +274,6 @@ def test_homing_finds_the_same_edge_from_both_sides(bench, start) -> None:
     assert b.places() == pytest.approx({"zoom": 32000, "focus": 36000, "iris": 0})
     lens.move_steps(zoom=20000, focus=37000, iris=1234, timeout_s=60)
     assert b.places() == pytest.approx({"zoom": 20000, "focus": 37000, "iris": 1234})
-
-
-def test_bytes_in_pieces_late_and_echoed_change_nothing(bench) -> None:
-    noise = {"max_chunk": 3, "delay_s": 0.003, "echo": True, "garbage_hex": "41540d0a"}
-    b = bench(noise=noise)
-    lens = b.lens(strip_echo=True)
-    lens.home(timeout_s=60)
-    state = lens.move_steps(zoom=20000, focus=37000, iris=1234, timeout_s=60)
-    assert state.steps() == {"zoom": 20000, "focus": 37000, "iris": 1234}
 
 
 def test_a_late_answer_is_not_taken_for_the_next_one(bench) -> None:
@@ -323,30 +301,9 @@ def test_a_controller_that_restarts_in_motion_is_a_fault(bench) -> None:
     b.do("turn", axis="zoom", steps=8100)  # close to its edge
     b.do("turn", axis="focus", steps=6100)
     lens.home(timeout_s=60)
-    result = meanwhile(
-        lambda: lens.move_steps(zoom=20000, focus=36000, iris=1000, timeout_s=60),
-        lambda: not lens.state().standing,
-        lambda: b.do("power_cycle"),
-    )
+    target = {"zoom": 20000, "focus": 36000, "iris": 1000}
+    result = b.amid_a_move(lens, target, lambda: b.do("power_cycle"))
     assert isinstance(result, DeviceError)
-    assert not lens.state().homed
-
-
-def test_a_pulled_cable_in_motion_is_a_lost_link_and_costs_home(bench) -> None:
-    b = bench(speed_scale=4)
-    lens = b.lens()
-    lens.home(timeout_s=60)
-    result = meanwhile(
-        lambda: lens.move_steps(zoom=20000, focus=30000, iris=1000, timeout_s=60),
-        lambda: not lens.state().standing,
-        lambda: b.do("unplug"),
-    )
-    assert isinstance(result, LinkLost)
-    with pytest.raises(LinkLost):
-        lens.state()
-    b.do("replug")
-    lens.close()
-    lens.open()
     assert not lens.state().homed
 
 
@@ -354,12 +311,8 @@ def test_a_stop_keeps_the_counters_right(bench) -> None:
     b = bench(speed_scale=5)
     lens = b.lens()
     lens.home(timeout_s=60)
-    result = meanwhile(
-        lambda: lens.move_steps(zoom=18000, focus=30000, iris=1000, timeout_s=60),
-        lambda: not lens.state().standing,
-        lens.stop,
-    )
-    assert isinstance(result, MotionStopped)
+    target = {"zoom": 18000, "focus": 30000, "iris": 1000}
+    assert isinstance(b.amid_a_move(lens, target, lens.stop), MotionStopped)
     state = lens.state()
     assert state.homed
     assert b.places()["zoom"] == pytest.approx(state.zoom, abs=1)
@@ -374,29 +327,6 @@ def test_a_stop_while_homing_leaves_it_unhomed_and_usable(bench) -> None:
     assert isinstance(result, MotionStopped)
     assert not lens.state().homed
     assert lens.home(timeout_s=60).homed
-
-
-@MOVES
-def test_a_noisy_line_ends_in_a_device_error_or_the_right_place(
-    bench, moves: int
-) -> None:
-    b = bench()
-    lens = b.lens(answer_s=0.2, settle_s=0)
-    lens.home(timeout_s=60)
-    outcomes = []
-    for k in range(moves):
-        b.do("noise", drop=0.002, flip=0.002)
-        target = {"zoom": 30000 + 100 * k, "focus": 36000, "iris": 1000 + 10 * k}
-        try:
-            lens.move_steps(**target, timeout_s=10)
-            outcomes.append("done")
-            assert b.places() == pytest.approx(target, abs=1)
-        except DeviceError as error:
-            outcomes.append(type(error).__name__)
-            b.do("noise")
-            lens.home(timeout_s=60)
-    assert len(outcomes) == moves
-    assert "done" in outcomes or moves < 10
 
 
 def test_a_recorded_fault_plays_back(bench, tmp_path: Path) -> None:

@@ -7,32 +7,17 @@ import numpy as np
 import pytest
 
 from drivers.lens_theia import TheiaLens
-from drivers.simulators.theia import TheiaSimulator
-from mvp.devices import DeviceContext
 from mvp.errors import (
     ConfigError,
     ConnectError,
-    DeviceError,
     DeviceFault,
     DeviceTimeout,
     LimitError,
-    LinkLost,
     MotionStopped,
 )
 from mvp.testing import FarEnd, meanwhile
+from tests.wire.lens_makes import THEIA
 
-# A backlash of 37 steps gives the vendor's overshoot of 60.
-MOVES = pytest.mark.parametrize("moves", [3, pytest.param(60, marks=pytest.mark.full)])
-AXES = {
-    "zoom": {"low": 100, "high": 3000, "backlash_steps": 37},
-    "focus": {
-        "low": 100,
-        "high": 7800,
-        "approach": "from_above",
-        "backlash_steps": 37,
-    },
-    "iris": {"low": 0, "high": 75},
-}
 DONE = b"\x74\x00\x0d"
 SETUPS = {
     1: "67 01 00 01 00 20 C6 00 64 05 DC 0D",
@@ -74,11 +59,7 @@ def far_end(board: Board) -> FarEnd:
     return FarEnd("lens", board)
 
 
-def lens_on(far_end: FarEnd, **keys: object) -> TheiaLens:
-    fast = {"answer_s": 0.2, "identify_s": 0}
-    config = TheiaLens.Config.model_validate({"port": "x", **AXES, **fast, **keys})
-    context = DeviceContext(transports=far_end.as_link)
-    return TheiaLens.from_config(config, context, name="lens")
+lens_on = THEIA.over
 
 
 def motions(far_end: FarEnd) -> list[str]:
@@ -223,14 +204,9 @@ def test_firmware_that_is_too_old_is_refused(far_end: FarEnd, board: Board) -> N
         lens_on(far_end).open()
 
 
-def test_a_silent_port_is_refused() -> None:
-    with pytest.raises(ConnectError, match="no Theia"):
-        lens_on(FarEnd("lens", lambda sent: b"")).open()
-
-
 def test_a_range_beyond_the_barrier_is_refused(far_end: FarEnd) -> None:
     with pytest.raises(ConfigError, match=r"focus would move within 100 \.\. 8010"):
-        lens_on(far_end, focus={**AXES["focus"], "high": 7950}).open()
+        lens_on(far_end, focus={**THEIA.keys["focus"], "high": 7950}).open()
 
 
 def test_a_speed_outside_its_limits_is_refused() -> None:
@@ -243,7 +219,7 @@ def test_a_speed_outside_its_limits_is_refused() -> None:
 @pytest.fixture
 def bench(lens_bench) -> Callable[..., object]:
     """A simulator and a lens on it; keys are those of the simulator."""
-    return partial(lens_bench, TheiaSimulator, TheiaLens, AXES)
+    return partial(lens_bench, THEIA)
 
 
 @pytest.mark.parametrize("focus", [0, 5000, 8100, 8390])
@@ -269,16 +245,6 @@ def test_the_count_follows_the_motors(bench) -> None:
         assert b.places() == pytest.approx(target)
 
 
-def test_bytes_in_pieces_late_and_echoed_change_nothing(bench) -> None:
-    noise = {"max_chunk": 2, "delay_s": 0.005, "echo": True, "garbage_hex": "41540d"}
-    b = bench(noise=noise)
-    lens = b.lens(strip_echo=True)
-    lens.home(timeout_s=60)
-    target = {"zoom": 1000, "focus": 4000, "iris": 40}
-    assert lens.move_steps(**target, timeout_s=60).steps() == target
-    assert b.places() == pytest.approx(target)
-
-
 def test_a_late_answer_is_not_taken_for_that_of_the_next_motion(bench) -> None:
     b = bench()
     lens = b.lens()
@@ -302,33 +268,13 @@ def test_a_stop_lets_the_motion_end_and_sends_no_other(bench) -> None:
     b = bench(speed_scale=4)
     lens = b.lens()
     lens.home(timeout_s=60)
-    result = meanwhile(
-        lambda: lens.move_steps(zoom=2500, focus=3000, iris=75, timeout_s=60),
-        lambda: not lens.state().standing,
-        lens.stop,
-    )
-    assert isinstance(result, MotionStopped)
+    target = {"zoom": 2500, "focus": 3000, "iris": 75}
+    assert isinstance(b.amid_a_move(lens, target, lens.stop), MotionStopped)
     state = lens.state()
     assert state.standing
     assert state.homed
     assert b.places() == pytest.approx(state.steps())
     assert state.steps() == {"zoom": 2440, "focus": 7959, "iris": 0}
-
-
-def test_a_pulled_cable_in_motion_is_a_lost_link_and_costs_home(bench) -> None:
-    b = bench(speed_scale=4)
-    lens = b.lens()
-    lens.home(timeout_s=60)
-    result = meanwhile(
-        lambda: lens.move_steps(zoom=1000, focus=3000, iris=75, timeout_s=60),
-        lambda: not lens.state().standing,
-        lambda: b.do("unplug"),
-    )
-    assert isinstance(result, LinkLost)
-    b.do("replug")
-    lens.close()
-    lens.open()
-    assert not lens.state().homed
 
 
 def test_power_lost_in_motion_is_a_time_out(bench) -> None:
@@ -353,20 +299,3 @@ def test_a_motor_that_turns_by_hand_is_put_right_by_homing(bench) -> None:
     b.do("turn", axis="focus", steps=-77)
     lens.home(timeout_s=60)
     assert b.places()["focus"] == pytest.approx(7959)
-
-
-@MOVES
-def test_a_noisy_line_ends_in_a_device_error_or_goes_on(bench, moves: int) -> None:
-    """Nothing but the driver's own errors; the board has no checksum and no read-back."""
-    b = bench()
-    lens = b.lens(answer_s=0.3)
-    lens.home(timeout_s=60)
-    for k in range(moves):
-        b.do("noise", drop=0.01, flip=0.01, direction="to_host")
-        target = {"zoom": 2500 + 5 * k, "focus": 7700 + k, "iris": k}
-        try:
-            lens.move_steps(**target, timeout_s=20)
-            assert b.places() == pytest.approx(target)
-        except DeviceError:
-            b.do("noise")
-            lens.home(timeout_s=60)

@@ -3,34 +3,19 @@
 from collections.abc import Callable
 from functools import partial
 
-import numpy as np
 import pytest
 
-from drivers.lens_visca import ViscaLens
-from drivers.simulators.visca import ViscaSimulator
-from mvp.devices import DeviceContext
 from mvp.errors import (
     ConnectError,
     DeviceError,
     DeviceFault,
     DeviceTimeout,
-    LinkLost,
     MotionStopped,
     WireError,
 )
 from mvp.testing import FarEnd, meanwhile
+from tests.wire.lens_makes import VISCA
 
-MOVES = pytest.mark.parametrize("moves", [3, pytest.param(60, marks=pytest.mark.full)])
-AXES = {
-    "zoom": {
-        "low": 0,
-        "high": 0x3F00,
-        "approach": "from_above",
-        "backlash_steps": 20,
-    },
-    "focus": {"low": 0x1100, "high": 0xE000, "backlash_steps": 20},
-    "iris": {"low": 0, "high": 0x11},
-}
 VERSION = "90 50 00 20 04 66 01 07 02 FF"
 
 
@@ -89,11 +74,7 @@ def far_end(camera: Camera) -> FarEnd:
     return FarEnd("lens", camera)
 
 
-def lens_on(far_end: FarEnd, **keys: object) -> ViscaLens:
-    fast = {"answer_s": 0.2, "identify_s": 0}
-    config = ViscaLens.Config.model_validate({"port": "x", **AXES, **fast, **keys})
-    context = DeviceContext(transports=far_end.as_link)
-    return ViscaLens.from_config(config, context, name="lens")
+lens_on = VISCA.over
 
 
 def commands(far_end: FarEnd) -> list[str]:
@@ -259,11 +240,6 @@ def test_a_missing_device_number_is_refused(far_end: FarEnd) -> None:
         lens_on(far_end, address=2).open()
 
 
-def test_a_silent_port_is_refused() -> None:
-    with pytest.raises(ConnectError, match="no VISCA device"):
-        lens_on(FarEnd("lens", lambda sent: b"")).open()
-
-
 def test_being_switched_on_costs_home(far_end: FarEnd) -> None:
     with lens_on(far_end) as lens:
         lens.home(timeout_s=60)
@@ -293,7 +269,7 @@ def test_a_device_without_lens_initialisation_is_homed_all_the_same(
 @pytest.fixture
 def bench(lens_bench) -> Callable[..., object]:
     """A simulator and a lens on it; keys are those of the simulator."""
-    return partial(lens_bench, ViscaSimulator, ViscaLens, AXES)
+    return partial(lens_bench, VISCA)
 
 
 TARGET = {"zoom": 0x2000, "focus": 0x9000, "iris": 3}
@@ -318,13 +294,6 @@ def test_clones_arrive_where_they_are_sent(bench, clone: str) -> None:
     lens.home(timeout_s=60)
     assert lens.move_steps(**TARGET, timeout_s=60).steps() == TARGET
     assert b.places() == pytest.approx(TARGET)
-
-
-def test_bytes_in_pieces_late_and_echoed_change_nothing(bench) -> None:
-    b = bench(noise={"max_chunk": 2, "delay_s": 0.003, "echo": True})
-    lens = b.lens(strip_echo=True)
-    lens.home(timeout_s=60)
-    assert lens.move_steps(**TARGET, timeout_s=60).steps() == TARGET
 
 
 def test_a_late_answer_is_not_taken_for_the_next_one(bench) -> None:
@@ -376,53 +345,6 @@ def test_power_lost_in_motion_is_a_device_error_and_costs_home(bench) -> None:
     b = bench(speed_scale=1)
     lens = b.lens(answer_s=0.4)
     lens.home(timeout_s=60)
-    result = meanwhile(
-        lambda: lens.move_steps(**TARGET, timeout_s=60),
-        lambda: not lens.state().standing,
-        lambda: b.do("power_cycle"),
-    )
+    result = b.amid_a_move(lens, TARGET, lambda: b.do("power_cycle"))
     assert isinstance(result, DeviceError)
     assert not lens.state().homed
-
-
-def test_a_pulled_cable_in_motion_is_a_lost_link_and_costs_home(bench) -> None:
-    b = bench(speed_scale=2)
-    lens = b.lens()
-    lens.home(timeout_s=60)
-    result = meanwhile(
-        lambda: lens.move_steps(**TARGET, timeout_s=60),
-        lambda: not lens.state().standing,
-        lambda: b.do("unplug"),
-    )
-    assert isinstance(result, LinkLost)
-    b.do("replug")
-    lens.close()
-    lens.open()
-    assert not lens.state().homed
-
-
-@MOVES
-def test_a_noisy_line_ends_in_a_device_error_or_the_right_place(
-    bench, moves: int
-) -> None:
-    b = bench()
-    lens = b.lens(answer_s=0.2)
-    lens.home(timeout_s=60)
-    rng = np.random.default_rng(5)
-    outcomes = []
-    for _ in range(moves):
-        b.do("noise", drop=0.003, flip=0.003)
-        target = {
-            axis: int(rng.integers(low, high + 1))
-            for axis, (low, high) in lens.limits().items()
-        }
-        try:
-            lens.move_steps(**target, timeout_s=20)
-            outcomes.append("done")
-            assert b.places() == pytest.approx(target, abs=1)
-        except DeviceError as error:
-            outcomes.append(type(error).__name__)
-            b.do("noise")
-            lens.home(timeout_s=60)
-    assert len(outcomes) == moves
-    assert "done" in outcomes or moves < 10
