@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from calibration.poses import Poses
-from calibration.targets import MeasuredLength
+from calibration.targets import CircleGrid, MeasuredLength
 from calibration.wizard.camera_result import (
     FEWEST,
     LENS_SETTING,
@@ -70,7 +70,7 @@ class CameraWizard:
         lookout = Lookout(bench, store)
         yield from _pre_flight(lookout)
         setting = setting_of(store)
-        bench.set_lens(**setting.by_name)
+        bench.set_lens(zoom=setting.zoom, focus=setting.focus, iris=setting.iris)
         word = yield from _first_view(lookout, setting)
         if word is not Word.FINISH:
             most = options.most_samples or MOST_VIEWS
@@ -137,9 +137,10 @@ def _asked_square(default_mm: float) -> Generator[Step, Answer, float]:
 
 def _resized(layout: Target, square_mm: float) -> Target:
     """The same print, a little larger or smaller."""
-    name = "pitch" if hasattr(layout, "pitch") else "square"
-    sigma = layout.spacing.sigma_mm
-    return replace(layout, **{name: MeasuredLength(square_mm, sigma)})
+    size = MeasuredLength(square_mm, layout.spacing.sigma_mm)
+    if isinstance(layout, CircleGrid):
+        return replace(layout, pitch=size)
+    return replace(layout, square=size)
 
 
 def _first_view(

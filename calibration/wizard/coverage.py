@@ -45,7 +45,7 @@ def fields_of(pixels: FloatArray, size_px: tuple[int, int]) -> IntArray:
     """Row and column (m, 2) of the field of each point (m, 2)."""
     shares = (pixels[:, ::-1] + 0.5) / np.array(size_px[::-1])
     counts = np.array([ROWS, COLUMNS])
-    return np.clip((shares * counts).astype(np.int64), 0, counts - 1)
+    return np.asarray(np.clip(np.floor(shares * counts), 0, counts - 1), np.int64)
 
 
 def counts_of(pixels: FloatArray, size_px: tuple[int, int]) -> IntArray:

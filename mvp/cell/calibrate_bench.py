@@ -14,15 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.cell.arrival import arrival_tolerance
+from mvp.cell.calibrate_target import target_corners_mm, target_obstacle
 from mvp.cell.locate_sights import TaskSights
 from mvp.cell.standstill import UnderWay
 from mvp.devices import DrivesStraight
 from mvp.errors import DeviceFault, InfeasibleError, MotionStopped
-from mvp.geometry import Box, Pose, box_mesh
-from mvp.imaging.printed_target import extent_mm
+from mvp.geometry import Pose
 from mvp.kinematics import (
     NoPath,
-    Obstacle,
     Placement,
     Unreachable,
     find_path,
@@ -49,7 +48,6 @@ _BRIGHT_PERCENTILE = 99.5
 _WANTED_LEVEL, _GOOD_LEVELS = 0.8, (0.6, 0.92)
 _SATURATED_LEVEL = 0.985
 _DARK_LEVEL = 0.05
-_BOARD_MM = 5.0  # behind its print
 
 
 class CellBench:
@@ -123,7 +121,7 @@ class CellBench:
     def _bodies(self) -> CellBodies:
         """Arm, part, fixtures, keep-outs and the target's board."""
         bodies = self._setting.arm.bodies
-        board = _board(self._facts)
+        board = target_obstacle(self._facts)
         return replace(bodies, obstacles=(*bodies.obstacles, *board))
 
     def standing(self) -> Stand:
@@ -160,7 +158,7 @@ class CellBench:
     def _looked_at_mm(self) -> FloatArray:
         """What the arm must not hide, base frame: the part's features or the target."""
         if self._facts.key != "part":
-            return _corners_base_mm(self._facts)
+            return target_corners_mm(self._facts)
         features = self._setting.scene.scene.features
         points = np.concatenate([f.key_points_mm for f in features])
         return self._facts.base_from_part.apply(points)
@@ -381,27 +379,3 @@ def _factor(level: float) -> float:
 def _stand(state: ArmState) -> Stand:
     tool = Pose.from_matrix("base", "tool", np.asarray(state.base_from_tool))
     return Stand(np.asarray(state.joints, np.float64), tool)
-
-
-def _corners_base_mm(facts: SessionFacts) -> FloatArray:
-    """(4, 3) corners of the print; none without a target."""
-    if facts.target is None:
-        return np.zeros((0, 3))
-    low, high = extent_mm(facts.target)
-    flat = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]]
-    corners = np.column_stack([np.array(flat), np.zeros(4)])
-    return facts.target.base_from_target.apply(corners)
-
-
-def _board(facts: SessionFacts) -> tuple[Obstacle, ...]:
-    """The target as a body, grown by how unsure its place is."""
-    target = facts.target
-    if target is None:
-        return ()
-    grow = target.position_sigma_mm
-    low, high = extent_mm(target)
-    box = Box(
-        np.array([*(low - grow), -grow]), np.array([*(high + grow), _BOARD_MM + grow])
-    )
-    mesh = box_mesh(box, name="target")
-    return (Obstacle("target", mesh.moved(target.base_from_target)),)

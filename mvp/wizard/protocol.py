@@ -209,12 +209,13 @@ class Store(Protocol):
 
 
 StoreT = TypeVar("StoreT", bound=Store)
+MadeT_co = TypeVar("MadeT_co", bound=Store, covariant=True)
 
 
-class Sessions(Protocol[StoreT]):
+class Sessions(Protocol[MadeT_co]):
     """Makes and opens session folders; a class with two class methods does."""
 
-    def create(self, folder: Path, facts: SessionFacts) -> StoreT:
+    def create(self, folder: Path, facts: SessionFacts) -> MadeT_co:
         """A new session in a folder that does not exist yet.
 
         Raises:
@@ -222,7 +223,7 @@ class Sessions(Protocol[StoreT]):
         """
         ...
 
-    def open(self, folder: Path, *, repair: bool = False) -> StoreT:
+    def open(self, folder: Path, *, repair: bool = False) -> MadeT_co:
         """A session that was begun.
 
         Args:
