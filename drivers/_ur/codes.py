@@ -179,6 +179,12 @@ TROUBLES = _table(
         "payload_cog_mm in [arm]",
     ),
     (
+        "tool-changed",
+        "somebody changed the tool on the robot since it was connected; nothing was moved",
+        "change it back on the pendant, or begin again: connecting sets tool and payload "
+        "as [arm] says",
+    ),
+    (
         "refused",
         "the robot did not accept the motion; nothing was moved",
         "look at the pendant's log",
@@ -243,6 +249,16 @@ def trouble(code: str, detail: str = "") -> Trouble:
     row = TROUBLES[code]
     said = f"{row.message} ({detail})" if detail else row.message
     return Trouble(code, said, row.hint)
+
+
+def unended(found: Trouble) -> Trouble:
+    """The same, where the interrupted program could not be ended from here."""
+    return Trouble(
+        found.code,
+        f"{found.message}; its program could not be ended from here and may go on with "
+        "the motion as soon as it can",
+        f"stop the program on the pendant before anything else; {found.hint}",
+    )
 
 
 def safety_trouble(mode: int, bits: int = 0) -> Trouble | None:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 Message: TypeAlias = dict[str, object]
+STARTED_AGAIN = "the program on the robot was started again by somebody else"
 LONGEST = 65536
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers._ur.codes import Trouble, motion_trouble, trouble
+from drivers._ur.codes import Trouble, motion_trouble, trouble, unended
 from mvp.errors import DeviceError, DeviceFault, DeviceTimeout, LinkLost, MotionStopped
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Motions:
         if found is None and status.slider <= 0:
             found = trouble("speed-slider-zero")
         if found is None and self._session.payload_differs(status):
-            found = trouble("tool-differs", "somebody changed the payload")
+            found = trouble("tool-changed", "payload")
         if found is not None:
             raise found.fault(self._name)
         return status
@@ -127,6 +127,8 @@ class Motions:
         ended = self._ended(pending)
         if self._link.interrupted or ended == "stopped":
             self._end_stopped(pending)
+        if ended == "retooled":
+            raise trouble("tool-changed", "tool point").fault(self._name)
         if ended == "refused":
             raise self._given_up(self._trouble_soon() or trouble("refused"))
 
@@ -192,7 +194,8 @@ class Motions:
 
     def _given_up(self, found: Trouble) -> DeviceError:
         """The fault, after the motion was made unable to go on."""
-        self._session.abandon()
+        if not self._session.abandon():
+            found = unended(found)
         return found.fault(self._name)
 
     def _lost(self, error: DeviceError) -> DeviceError:

@@ -203,7 +203,7 @@ class WorkerProcess:
             with contextlib.suppress(DeviceError):
                 pending = self.post("leave", deceleration_rad_s2=deceleration_rad_s2)
                 pending.arrived.wait(timeout_s)
-                left = bool(pending.message.get("ok"))
+                left = bool(pending.message.get("over"))
         self.kill("closed")
         return left
 

@@ -56,10 +56,17 @@ def recover(
         yield from ways.power()
     else:
         yield RecoveryStep(
-            "This controller can only be brought back at its pendant: clear what it "
-            "shows, power the arm on and release its brakes, remote control on.",
+            "This controller can only be brought back at its pendant. Stop the program "
+            "first: it would go on with its motion. Then clear what is shown, power the "
+            "arm on and release its brakes, remote control on.",
             acknowledge=True,
             act=lambda: "seen to at the pendant",
+        )
+        yield RecoveryStep(
+            "A program that is still there is ended now: one that only brakes takes its "
+            "place. It may be what was interrupted, or somebody else's.",
+            acknowledge=True,
+            act=session.replace_program,
         )
     yield RecoveryStep(
         "Connect, load the control program, set tool and payload and read them back. "

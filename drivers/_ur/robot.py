@@ -173,6 +173,14 @@ class Mover:
         """Set tool point and payload; the tool point as read back."""
         self._control.setTcp(tcp_m_rad)
         self._control.setPayload(mass_kg, cog_m)
+        return self.tool()
+
+    def tool(self) -> list[float]:
+        """The tool point that the controller works with now; takes two of its cycles.
+
+        Raises:
+            RuntimeError: the program on the robot does not answer.
+        """
         return list(self._control.getTCPOffset())
 
     def begin(self, target_rad: list[float], speed: float, acceleration: float) -> bool:

@@ -8,15 +8,16 @@ import threading
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
-import numpy as np
-
 from drivers._ur.codes import PLAYING, STOPPED, robot_trouble, trouble
 from drivers._ur.dashboard import Dashboard
+from drivers._ur.last_word import leave_end_of_program
+from drivers._ur.messages import STARTED_AGAIN
 from drivers._ur.process import COMMAND, WorkerProcess
+from drivers._ur.same import differ, same_model, same_pose
+from drivers._ur.script_port import send_brake
 from drivers._ur.status import Status
 from drivers._ur.version import Version, ask_version
 from mvp.errors import DeviceError, DeviceTimeout, LinkLost
-from mvp.geometry import Pose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,7 +34,6 @@ _READ_BACK_S = 3.0
 _ENDING_S = 0.5
 _POLL_S = 0.01
 _DASHBOARD_LESS = 10  # PolyScope X
-_TCP_TOLERANCE = 1e-5  # m and rad
 _PAYLOAD_TOLERANCE = 1e-3  # kg and m
 
 
@@ -154,7 +154,7 @@ class Session:
         )
 
     def ended(self, pending: Pending) -> str:
-        """How a motion ended: finished, stopped or refused."""
+        """How a motion ended: finished, stopped, refused, or retooled: it never began."""
         return str(self._connected.result(pending)["ended"])
 
     def brake(self) -> str:
@@ -170,32 +170,91 @@ class Session:
                     "stop", timeout_s=_STOP_S, deceleration_rad_s2=decel
                 )
                 return "it was told to stop"
-        if self.end_program():
-            return "its program was stopped through the dashboard"
+        if self.has_dashboard:
+            if self.end_program():
+                return "its program was stopped through the dashboard"
+        elif self._send_brake():
+            return (
+                "a program that only brakes was sent in place of its own; it may go on "
+                "if it did not take that up"
+            )
         raise LinkLost(
             "no way to the robot is left; it may go on until its motion is done",
             device=self.name,
             hint="stop it on the pendant or with the emergency stop",
         )
 
-    def abandon(self) -> None:
-        """Make sure that nobody can let an interrupted motion go on."""
+    def abandon(self) -> bool:
+        """Make sure that nobody can let an interrupted motion go on; whether it is sure."""
         with contextlib.suppress(DeviceError):
             self.brake()
-        if not self.end_program() and self._worker is not None:
-            self._worker.close(
-                timeout_s=_LEAVE_S, deceleration_rad_s2=self.config.stop_rad_s2
-            )
+        ended = self.end_program()
+        if ended or self._worker is None:
+            return ended
+        over = self._is_over()
+        left = self._worker.close(
+            timeout_s=_LEAVE_S, deceleration_rad_s2=self.config.stop_rad_s2
+        )
+        return left or over or self._leave_word()
+
+    def _leave_word(self) -> bool:
+        """A program that waits finds its end first; whether it will cannot be seen."""
+        done = leave_end_of_program(
+            self.config.host,
+            name=self.name,
+            clock=self._clock,
+            upper=self.config.upper_registers,
+        )
+        told = "is told to end as soon as it can" if done else "cannot be told to end"
+        _LOG.warning("%s: the program on the robot %s", self.name, told)
+        return False
 
     def end_program(self) -> bool:
-        """End whatever program runs, through the dashboard; False when that failed."""
-        if self.identity.version[0] >= _DASHBOARD_LESS:
-            return False
+        """End whatever program runs; False where that failed or cannot be seen."""
+        if not self.has_dashboard:
+            return self._send_brake() and self._seen_ended()
         try:
             return self.dashboard().end_program()
         except DeviceError as error:
-            _LOG.warning("%s: %s", self.name, error.message)
+            _LOG.warning("%s: %s", self.name, error.detail)
             return False
+
+    def replace_program(self) -> str:
+        """End whatever runs without a dashboard; in words, what was done.
+
+        Raises:
+            ConnectError: the controller takes no program.
+        """
+        send_brake(self.config.host, self.config.stop_rad_s2, name=self.name)
+        return "a program that only brakes was sent"
+
+    def _send_brake(self) -> bool:
+        """PolyScope X: a program that only brakes takes the place of another."""
+        try:
+            self.replace_program()
+        except DeviceError as error:
+            _LOG.warning("%s: %s", self.name, error.detail)
+            return False
+        return True
+
+    def _is_over(self) -> bool:
+        """Whether the robot says that no program runs or waits."""
+        try:
+            return self.status().runtime_state == STOPPED
+        except DeviceError:
+            return False
+
+    def _seen_ended(self) -> bool:
+        """Whether our program was seen to end; the one in its place runs for a moment."""
+        deadline = self._clock.now_s() + QUERY_S
+        while self._clock.now_s() < deadline:
+            try:
+                if self.status().runtime_state == STOPPED:
+                    return True
+            except DeviceError as error:
+                return STARTED_AGAIN in error.message
+            self._clock.wait(self._never, _POLL_S)
+        return False
 
     def dashboard(self) -> Dashboard:
         """A connection of its own to the dashboard."""
@@ -250,7 +309,7 @@ class Session:
         if expected and serial != expected:
             detail = f"serial {serial}, not {expected}"
             raise trouble("wrong-robot", detail).fault(self.name)
-        if model and not _same_model(model, self.config.model):
+        if model and not same_model(model, self.config.model):
             detail = f"{model}, not {self.config.model}"
             raise trouble("wrong-robot", detail).fault(self.name)
 
@@ -323,7 +382,7 @@ class Session:
             payload_cog_m=config.payload_cog_m,
         )
         found = cast("list[float]", said["tcp_m_rad"])
-        if not _same_pose(found, config.tcp_m_rad):
+        if not same_pose(found, config.tcp_m_rad):
             raise trouble("tool-differs", f"tool point {found}").fault(self.name)
         deadline = self._clock.now_s() + _READ_BACK_S
         while payload and self.payload_differs(self.status()):
@@ -337,31 +396,4 @@ class Session:
             return False
         found = [status.payload_kg, *status.payload_cog_m]
         asked = [self.config.payload_kg, *self.config.payload_cog_m]
-        return _differ(found, asked, _PAYLOAD_TOLERANCE)
-
-
-def _differ(found: Sequence[float], asked: Sequence[float], tolerance: float) -> bool:
-    if len(found) != len(asked):
-        return True
-    return bool(np.abs(np.subtract(found, asked)).max() > tolerance)
-
-
-def _same_pose(found: Sequence[float], asked: Sequence[float]) -> bool:
-    """Rotation vectors of half a turn have two names; their matrices do not."""
-    if len(found) != len(asked):
-        return False
-    one, other = (
-        Pose.from_rotvec("tool", "tcp", pose[3:], np.array(pose[:3])).matrix
-        for pose in (found, asked)
-    )
-    return bool(np.abs(one - other).max() < _TCP_TOLERANCE)
-
-
-def _same_model(said: str, configured: str) -> bool:
-    """Whether a name on the dashboard can be the configured model.
-
-    Older software calls a UR5e "UR5", and the 7e and 12e by the arms they grew from.
-    """
-    size = "".join(c for c in said if c.isdigit())
-    own = "".join(c for c in configured if c.isdigit())
-    return size == own or (own, size) in {("7", "5"), ("12", "10")}
+        return differ(found, asked, _PAYLOAD_TOLERANCE)

@@ -32,7 +32,7 @@ def ask_version(
     """
     try:
         with socket.create_connection((host, PORT), timeout_s) as link:
-            question = _Question(link, clock, clock.now_s() + timeout_s, name)
+            question = Question(link, clock, clock.now_s() + timeout_s, name)
             question.ask(_PROTOCOL, struct.pack(">H", 2), answer_bytes=1)
             body = question.ask(_VERSION, b"", answer_bytes=16)
     except TimeoutError as error:
@@ -52,15 +52,26 @@ def ask_version(
 
 
 @dataclass(frozen=True, eq=False)
-class _Question:
+class Question:
+    """Asks for one thing after the other on one RTDE connection, until a deadline."""
+
     link: socket.socket
     clock: Clock
     deadline_s: float
     name: str
 
-    def ask(self, kind: int, body: bytes, *, answer_bytes: int) -> bytes:
-        """The payload of the answer, which has the type of the question."""
+    def send(self, kind: int, body: bytes) -> None:
+        """One package, without waiting for anything."""
         self.link.sendall(_HEADER.pack(_HEADER.size + len(body), kind) + body)
+
+    def ask(self, kind: int, body: bytes, *, answer_bytes: int) -> bytes:
+        """The payload of the answer, which has the type of the question.
+
+        Raises:
+            WireError: another type or length.
+            LinkLost: hung up.
+        """
+        self.send(kind, body)
         length, found = _HEADER.unpack(self._exactly(_HEADER.size))
         if found != kind or length != _HEADER.size + answer_bytes:
             raise WireError(

@@ -16,7 +16,7 @@ import time
 from typing import TYPE_CHECKING, BinaryIO, Literal, NoReturn, cast
 
 from drivers._ur.codes import PLAYING, STOPPED
-from drivers._ur.messages import LONGEST, Message, decode, encode
+from drivers._ur.messages import LONGEST, STARTED_AGAIN, Message, decode, encode
 from drivers._ur.robot import Listener, Mover
 from drivers._ur.status import Implausible, Status
 
@@ -27,6 +27,8 @@ _WATCH_S = 0.004
 _REPORT_S = 0.008
 _POLL_S = 0.01
 _LOST = 3
+_ENDING_S = 0.5
+_SAME_TOOL = 1e-6  # m and rad
 
 
 class Worker:
@@ -39,6 +41,7 @@ class Worker:
         self._listener: Listener | None = None
         self._mover: Mover | None = None
         self._silent_s = 0.0
+        self._tool_point: list[float] = []
         self._program: Literal["starts", "runs", "ended"] = "starts"
         self._does = {
             "listen": self._listen,
@@ -107,11 +110,16 @@ class Worker:
             _number(request["payload_kg"]),
             _numbers(request["payload_cog_m"]),
         )
+        self._tool_point = found
         self._answer(request, tcp_m_rad=found)
 
     def _move(self, request: Message) -> None:
         """One motion; the answer comes when it has ended, in whatever way."""
         mover = self._moving()
+        unfit = self._tool_unfit(mover)
+        if unfit:
+            self._answer(request, ended=unfit)
+            return
         if self._overtaken(mover):
             self._answer(request, ended="stopped")
             return
@@ -128,6 +136,16 @@ class Worker:
                 self._answer(request, ended="stopped")
                 return
         self._answer(request, ended="finished")
+
+    def _tool_unfit(self, mover: Mover) -> str:
+        """Why nothing may move with the tool that is set now; empty for as it was set."""
+        try:
+            found = mover.tool()
+        except RuntimeError:
+            return "refused"
+        off = [abs(a - b) for a, b in zip(found, self._tool_point, strict=False)]
+        same = len(off) == len(found) == len(self._tool_point)
+        return "" if same and max(off, default=0.0) <= _SAME_TOOL else "retooled"
 
     def _overtaken(self, mover: Mover, *, wait_s: float = 0.0) -> bool:
         """Whether a stop came in; it has been carried out then."""
@@ -160,7 +178,7 @@ class Worker:
             mover.brake(_number(request.get("deceleration_rad_s2", 2.0)))
             mover.end_program()
         if request["id"]:
-            self._answer(request)
+            self._answer(request, over=self._ended())
         os._exit(0)
 
     def _moving(self) -> Mover:
@@ -171,6 +189,16 @@ class Worker:
     def _playing(self) -> bool:
         listener = self._listener
         return listener is not None and listener.status().runtime_state == PLAYING
+
+    def _ended(self) -> bool:
+        """Whether no program is left, not even one that waits; seen within half a second."""
+        listener = self._listener
+        end = time.monotonic() + _ENDING_S
+        while listener is not None and time.monotonic() < end:
+            if listener.status().runtime_state == STOPPED:
+                return True
+            time.sleep(_POLL_S)
+        return listener is None
 
     def _watch(self) -> None:
         """Report every new frame; end the process when the link is no longer sound."""
@@ -207,7 +235,7 @@ class Worker:
             return
         playing = status.runtime_state == PLAYING
         if self._program == "ended" and playing:
-            self._lose("the program on the robot was started again by somebody else")
+            self._lose(STARTED_AGAIN)
         if playing:
             self._program = "runs"
         elif self._program == "runs" and status.runtime_state == STOPPED:

@@ -139,10 +139,20 @@ def test_a_worker_that_leaves_says_so():
     process = worker(
         HELLO,
         "asked = hear()",
-        'say({"id": asked["id"], "ok": asked["do"] == "leave"})',
+        'say({"id": asked["id"], "ok": True, "over": asked["do"] == "leave"})',
     )
     process.wait_started()
     assert process.close(timeout_s=20, deceleration_rad_s2=3.0)
+    assert not process.close(timeout_s=20, deceleration_rad_s2=3.0)
+
+
+def test_a_worker_that_leaves_a_program_waiting_says_so():
+    process = worker(
+        HELLO,
+        "asked = hear()",
+        'say({"id": asked["id"], "ok": True, "over": False})',
+    )
+    process.wait_started()
     assert not process.close(timeout_s=20, deceleration_rad_s2=3.0)
 
 

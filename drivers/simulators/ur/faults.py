@@ -37,6 +37,8 @@ def verbs(controller: Controller) -> dict[str, Verb]:
     in_use                    ``names``: inputs that a field bus has taken; [] frees
     digital_input             ``bit``, ``on``
     identity                  ``serial``, ``model``
+    retool                    ``tcp``: six numbers, m and rad; ``payload_kg``: as somebody
+                              at the pendant would change them
     drop                      ``how``: fin or rst; ``what``: all, rtde, or ports
     silence                   ``on``: nothing is sent any more, connections stay
     mute                      ``types``: RTDE types that are not sent, as "VOISU";
@@ -146,7 +148,15 @@ def _robot(controller: Controller) -> dict[str, Verb]:
         robot.serial = str(asked.get("serial", robot.serial))
         robot.model = str(asked.get("model", robot.model))
 
+    def retool(asked: Asked) -> None:
+        tcp = tuple(float(value) for value in cast("list[float]", asked.get("tcp", [])))
+        if tcp and (len(tcp) != 6 or not all(map(math.isfinite, tcp))):
+            raise ValueError("tcp is six finite numbers")
+        robot.tcp = tcp or robot.tcp
+        robot.payload_kg = _float(asked, "payload_kg", robot.payload_kg)
+
     return {
+        "retool": retool,
         "remote": remote,
         "foreign_program": foreign_program,
         "program_stop": lambda _: robot.end_program("stopped on the pendant"),
