@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
-
-from pydantic import Field
+from typing import TYPE_CHECKING, ClassVar, Self
 
 from drivers._genicam import (
     BackendName,
@@ -18,6 +16,8 @@ from drivers._genicam import (
     library_finding,
     packet_findings,
 )
+from drivers._genicam.config import GenicamCameraConfig
+from drivers._genicam.hopeless import Tries
 from drivers._genicam.kernel import buffer_warning, rmem_max
 from drivers._genicam.pixels import frames_between, grey_picture
 from mvp.devices import (
@@ -36,7 +36,6 @@ from mvp.errors import (
     DeviceTimeout,
     MotionStopped,
 )
-from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,38 +49,6 @@ _BYTES_PER_S = 100e6  # what Gigabit Ethernet carries of pictures
 _TRIES = 3
 _EARLY = "a frame that came before its exposure can have ended"
 _SLICE_S = 0.05  # how soon a stop is noticed
-
-
-class GenicamCameraConfig(FileModel):
-    """Keys of ``[camera]`` for GenICam cameras."""
-
-    address: str = Field(
-        min_length=1, description="IP address, serial number or user-defined name"
-    )
-    serial: str = Field(default="", description="refuse any other camera")
-    backend: BackendName = "auto"
-    pixel_format: Literal["Mono8", "Mono10", "Mono12", "Mono14", "Mono16"] = "Mono8"
-    width_px: int | None = Field(default=None, ge=1)
-    height_px: int | None = Field(default=None, ge=1)
-    offset_x_px: int | None = Field(default=None, ge=0)
-    offset_y_px: int | None = Field(default=None, ge=0)
-    packet_size: int = Field(
-        default=1400,
-        ge=0,
-        le=65535,
-        description="bytes; up to the MTU of the whole path; 0 lets the library try",
-    )
-    packet_resend: bool = True
-    buffers: int = Field(default=4, ge=2, le=64)
-    readout_s: float = Field(default=0.05, ge=0)
-    frame_slack_s: float = Field(
-        default=0.5, gt=0, description="beyond exposure, readout and transfer"
-    )
-    gain_db_per_raw: float | None = Field(default=None, gt=0)
-    gain_floor: float = Field(default=0.0, description="dB or raw that is a gain of 1")
-    features: dict[str, bool | int | float | str] = Field(
-        default={}, description="more features by GenICam name, set and read back"
-    )
 
 
 class GenicamCamera:
@@ -277,9 +244,9 @@ class GenicamCamera:
         if self._pending:
             # An earlier trigger may still be answered, with a picture that is too old.
             self._rearm(session)
-        failures: list[str] = []
+        tries = Tries(self._config.packet_size, self._config.address)
         start_s: float | None = None
-        while len(failures) < _TRIES:
+        while tries.count < _TRIES:
             if start_s is None:
                 # Before the trigger: no light can have been collected earlier.
                 start_s = self._clock.now_s()
@@ -289,20 +256,14 @@ class GenicamCamera:
                 delivery, problem = self._triggered(session, start_s, deadline)
             if delivery is not None and not problem:
                 # A second trigger after an early frame may still be answered.
-                self._pending = _EARLY in failures
+                self._pending = _EARLY in tries.problems
                 return self._frame(session, delivery, start_s)
-            failures.append(problem)
-            _LOG.warning("%s: try %d: %s", self.name, len(failures), problem)
+            tries.failed(problem, session.backend.health())
+            _LOG.warning("%s: try %d: %s", self.name, tries.count, problem)
             if problem != _EARLY:
                 self._rearm(session)
                 start_s = None
-        raise DeviceFault(
-            f"{_TRIES} frames in a row were no good: {', '.join(failures)}",
-            device=self.name,
-            code=failures[-1],
-            hint="check packet_size against the MTU, net.core.rmem_max, cable and "
-            "switch, and that no other program triggers the camera",
-        )
+        raise tries.fault(self.name)
 
     def _rearm(self, session: Session) -> None:
         session.rearm()

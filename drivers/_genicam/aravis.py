@@ -203,7 +203,7 @@ class AravisBackend:
             for name in names
             if stream.get_info_type(names.index(name)).name == "guint64"
         }
-        return Health(True, counts)
+        return Health(True, counts, counts.get("n_transferred_bytes"))
 
     def close(self) -> None:
         """Give the camera back."""

@@ -78,10 +78,17 @@ class Delivery:
 
 @dataclass(frozen=True)
 class Health:
-    """Whether the camera is still there, and what the library counted."""
+    """Whether the camera is still there, and what the library counted.
+
+    Attributes:
+        counts: since the stream began, in the library's own words.
+        arrived_bytes: of pictures, whole or not, since the stream began; None where the
+            library does not count them.
+    """
 
     connected: bool
     counts: dict[str, int] = field(default_factory=dict)
+    arrived_bytes: int | None = None
 
 
 class Backend(Protocol):

@@ -59,7 +59,7 @@ def packet_findings(address: str, packet_size: int) -> Iterator[Finding]:
     """Whether packets fit through the interface that leads to the camera."""
     if not is_ip_address(address):
         return
-    mtu = _mtu_towards(address)
+    mtu = mtu_towards(address)
     if mtu is None:
         yield Finding(
             "packets",
@@ -79,7 +79,7 @@ def packet_findings(address: str, packet_size: int) -> Iterator[Finding]:
         yield Finding("packets", "ok", f"packet_size {size}, MTU {mtu}")
 
 
-def _mtu_towards(address: str) -> int | None:
+def mtu_towards(address: str) -> int | None:
     """MTU of the first hop; connecting a datagram socket sends nothing."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
