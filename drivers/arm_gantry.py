@@ -143,10 +143,10 @@ class GantryArm:
         return self._homed
 
     def state(self) -> ArmState:
-        """Where the counters say that it is.
+        """Where the counters say that it is; an alarm is its ``fault``.
 
         Raises:
-            DeviceFault: an alarm stands.
+            DeviceFault: it is held, or an alarm keeps it from answering.
             ConnectError, DeviceTimeout, LinkLost, WireError: no sensible answer.
         """
         self._link.require_open()
@@ -247,7 +247,7 @@ class GantryArm:
         for words, act in self._wire.reset_steps():
             yield RecoveryStep(words, acknowledge=True, act=act)
         if not self._homed:
-            yield homing_step(self._homing_or_nothing(), self._home_for_person)
+            yield homing_step(self.homing, self._home_for_person)
 
     # ------------------------------------------------------------ inside
 
@@ -255,13 +255,6 @@ class GantryArm:
     def _declared(self) -> list[str]:
         """Letters of the axes that nothing measures."""
         return [a.letter for a in self._config.axes if a.home == "declared"]
-
-    def _homing_or_nothing(self) -> Homing:
-        """For words alone: homing itself looks again."""
-        try:
-            return self.homing()
-        except DeviceError:
-            return Homing("The axes go to their switches: nothing may be in their way.")
 
     def _home_for_person(self) -> str:
         self.home(timeout_s=self._config.homing_s)
@@ -304,14 +297,20 @@ class GantryArm:
         joints = self._axes.joints(report.machine)
         pose = self._axes.model.forward(np.array(joints)).matrix
         standing = report.activity in (Activity.STANDS, Activity.ALARM)
-        locked = report.activity is Activity.ALARM
-        fault = f"the controller is locked ({report.state})" if locked else ""
+        fault = ""
+        if report.activity is Activity.ALARM:
+            alarm = self._wire.alarm
+            fault = (
+                alarm.detail if alarm else f"the controller is locked ({report.state})"
+            )
         return ArmState(joints, pose, standing, self._clock.now_s(), fault)
 
     def _ready(self) -> FloatArray:
         """Joints it starts from; refuses when it should not move at all."""
         report = self._wire.report()
         self._refuse_alarm(report)
+        if report.activity is Activity.ALARM and (alarm := self._wire.alarm):
+            raise alarm
         require_ready(report, self.name, homed=self._homed)
         return np.array(self._axes.joints(report.machine))
 

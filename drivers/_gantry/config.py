@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from mvp.devices import TransportConfig
 from mvp.errors import ConfigError
 from mvp.fileedge import FileModel
-from mvp.kinematics import arm_model
+from mvp.kinematics import NEEDS_HEAD, arm_model
 
 Firmware: TypeAlias = Literal["grbl", "grblhal", "fluidnc", "marlin"]
 USB_IDS = {
@@ -25,6 +25,9 @@ USB_IDS = {
     "2e8a:000a": "a motion controller with an RP2040",
     "303a:1001": "a motion controller with an ESP32",
 }
+
+
+_SLIDES = "XYZ"
 
 
 class GantryAxis(FileModel):
@@ -100,6 +103,11 @@ class GantryConfig(TransportConfig):
             joints = arm_model(self.model).joint_names
         except ConfigError as error:
             raise ValueError(error.message) from error
+        if len(self.axes) == len(_SLIDES) < len(joints):
+            raise ValueError(
+                f"{self.model} has the joints {', '.join(joints)}, the machine only "
+                f"three axes. {NEEDS_HEAD}"
+            )
         if len(self.axes) != len(joints):
             raise ValueError(
                 f"{self.model} has the joints {', '.join(joints)}: one axis for each, "

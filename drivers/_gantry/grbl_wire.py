@@ -99,6 +99,13 @@ class GrblWire:
         """Whether the link has broken."""
         return self._session.is_lost
 
+    @property
+    def alarm(self) -> DeviceFault | None:
+        """The alarm that stands; None for none that was seen to come."""
+        if self._alarm is None:
+            return None
+        return alarm_fault(self._alarm, self._config.firmware, self._name)
+
     def open(self) -> Identity:
         """Connect, ask who is there and which axes it has. Moves nothing.
 
@@ -159,8 +166,8 @@ class GrblWire:
         )
         if report is not None:
             return report
-        if self._alarm is not None:
-            raise alarm_fault(self._alarm, self._config.firmware, self._name)
+        if alarm := self.alarm:
+            raise alarm
         raise DeviceTimeout(
             f"no status within {self._config.answer_s:g} s",
             device=self._name,
@@ -276,7 +283,7 @@ class GrblWire:
                 b"\n", lambda f: self._is_ok("", f), timeout_s=self._config.answer_s
             )
         except DeviceError as error:
-            _LOG.warning("%s: %s", self._name, error.message)
+            _LOG.warning("%s: %s", self._name, error.detail)
 
     def _is_ok(self, line: str, frame: bytes) -> Take:
         said = text(frame).strip()
@@ -342,8 +349,8 @@ class GrblWire:
     def _begin(self) -> None:
         """A new motion, unless an alarm stands."""
         self._ended = None
-        if self._alarm is not None:
-            raise alarm_fault(self._alarm, self._config.firmware, self._name)
+        if alarm := self.alarm:
+            raise alarm
 
     def _stands(self) -> bool:
         """Wait for the end of the braking; False when it cannot be seen."""
@@ -353,7 +360,7 @@ class GrblWire:
                 if self.report().activity is not Activity.MOVES:
                     return True
             except DeviceError as error:
-                _LOG.warning("%s: %s", self._name, error.message)
+                _LOG.warning("%s: %s", self._name, error.detail)
                 return False
             self._clock.wait(self._never, _POLL_S)
         return False

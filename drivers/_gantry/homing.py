@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mvp.devices import Homing, RecoveryStep
-from mvp.errors import DeviceFault
+from mvp.errors import DeviceError, DeviceFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -44,13 +45,16 @@ def homing_of(axes: Sequence[GantryAxis], report: Report) -> Homing:
     return Homing(words, away)
 
 
-def homing_step(homing: Homing, act: Callable[[], str]) -> RecoveryStep:
+def homing_step(look: Callable[[], Homing], act: Callable[[], str]) -> RecoveryStep:
     """Homing as a step back; left to those who know the cell where the head would turn.
 
     Args:
-        homing: what it would do.
+        look: what it would do; an arm that cannot be asked is asked again by ``act``.
         act: does it.
     """
+    homing = Homing("The axes go to their switches: nothing may be in their way.")
+    with suppress(DeviceError):
+        homing = look()
     words = "It is not known where the axes are. "
     if not homing.away:
         return RecoveryStep(words + homing.words, acknowledge=True, act=act)

@@ -56,6 +56,8 @@ class MarlinWire:
         stopping: set while a motion shall end; no further line of it is sent then.
     """
 
+    alarm = None  # a board that has halted answers with an error instead
+
     def __init__(
         self,
         config: GantryConfig,
@@ -223,7 +225,7 @@ class MarlinWire:
         try:
             self._order("M400", _QUICK_STOP_S)
         except DeviceError as error:
-            _LOG.warning("%s: %s", self._name, error.message)
+            _LOG.warning("%s: %s", self._name, error.detail)
         return False
 
     def dumping(self) -> AbstractContextManager[None]:
@@ -280,7 +282,7 @@ class MarlinWire:
                     timeout_s=limit,
                 )
             except _Damaged as error:
-                _LOG.warning("%s: %s", self._name, error.message)
+                _LOG.warning("%s: %s", self._name, error.detail)
                 if self._doing and self._stopping.is_set():
                     raise self._stopped() from error
                 if not tries_left:

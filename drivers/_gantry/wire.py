@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from contextlib import AbstractContextManager
 
+    from mvp.errors import DeviceFault
+
 
 class Activity(Enum):
     """What the machine does, in the words that every firmware shares."""
@@ -56,6 +58,11 @@ class GantryWire(Protocol):
     @property
     def is_lost(self) -> bool:
         """Whether the link has broken."""
+        ...
+
+    @property
+    def alarm(self) -> DeviceFault | None:
+        """The alarm that stands; None for none that was seen to come."""
         ...
 
     def open(self) -> Identity:

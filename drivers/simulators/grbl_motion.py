@@ -58,6 +58,7 @@ class MotionControl:
         self._settings = settings
         self._speaker = speaker
         self._now_s = 0.0
+        self._pressed: frozenset[int] = frozenset()
         self.axes = Axes(config.driven, config.speed_scale)
         self.letters = "".join(axis.letter for axis in config.driven)
         self.homed: set[int] = set()
@@ -280,8 +281,13 @@ class MotionControl:
         self.waiting = stopped
 
     def _watch_switches(self) -> None:
+        """A switch that is met in a move is an alarm, and so is one that closes at rest."""
         moving = self.axes.busy and not self.axes.held
-        if self._settings["21"] == "1" and moving and self.axes.pressed():
+        pressed = frozenset(self.axes.pressed())
+        closed, self._pressed = pressed - self._pressed, pressed
+        if self.alarm or self.sleeping or self._settings["21"] != "1":
+            return
+        if (moving and pressed) or closed:
             self.axes.freeze()
             self.homed.clear()
             self.raise_alarm(HARD, critical=True)

@@ -19,7 +19,12 @@ from mvp.kinematics.clearance import (
 from mvp.kinematics.clearance_index import ClearanceIndex, clearance_index
 from mvp.kinematics.gantry import Gantry
 from mvp.kinematics.model import ArmModel, inverse, jacobian, singularity_margin
-from mvp.kinematics.models import ARM_MODELS, arm_model, arm_model_names
+from mvp.kinematics.models import (
+    ARM_MODELS,
+    NEEDS_HEAD,
+    arm_model,
+    arm_model_names,
+)
 from mvp.kinematics.path import (
     JointPath,
     NoPath,
@@ -39,6 +44,7 @@ from mvp.kinematics.ur_calibration import UrCalibration
 
 __all__ = [
     "ARM_MODELS",
+    "NEEDS_HEAD",
     "ArmModel",
     "Capsule",
     "Capsules",

@@ -30,6 +30,11 @@ if TYPE_CHECKING:
 GANTRY = "gantry_xyz_pan_tilt"
 ARM_MODELS: tuple[str, ...] = (*UR_FAMILY, GANTRY)
 PLUGINS = "mvp_cell.arm_models"
+NEEDS_HEAD = (
+    "A camera on three sliding axes has one viewing direction, and views are planned over "
+    f"all directions: such a machine is not supported. Add a pan/tilt head ({GANTRY}), as "
+    "the axes A and B of grblHAL, FluidNC or Marlin; GRBL itself has no further axes."
+)
 
 
 def arm_model_names() -> tuple[str, ...]:
@@ -98,6 +103,8 @@ def _entry(name: str) -> EntryPoint:
             hint="uninstall all but one of the distributions that bring it",
         )
     names = arm_model_names()
+    if name.lower().endswith(("xyz", "cartesian")):
+        raise ConfigError(f"unknown arm model {name!r}", hint=NEEDS_HEAD)
     close = difflib.get_close_matches(name, names, n=1)
     raise ConfigError(
         f"unknown arm model {name!r}",

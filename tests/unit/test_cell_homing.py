@@ -110,7 +110,7 @@ def test_the_head_goes_back_to_its_marks_along_a_way_that_is_clear() -> None:
 def test_the_head_is_not_driven_against_what_stands_in_its_way() -> None:
     arm, stops = Head(TILTED, UP), []
     # Straight and tilted it is clear; half-way down it would meet the clamp.
-    clamp = bodies_with((-50, -200, 340), (50, -110, 440))
+    clamp = bodies_with((-50, 110, 330), (50, 200, 430))
     assert clamp.nearest(np.array(TILTED)).distance_mm > 5
     assert clamp.nearest(np.array(UP)).distance_mm > 5
     with pytest.raises(LimitError, match=r"camera would come within .* of clamp"):
