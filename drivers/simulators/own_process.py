@@ -39,8 +39,8 @@ class OwnProcess:
         command: Sequence[str],
         *,
         name: str,
-        ready_s: float = 30.0,
-        world: WorldPort | None = None,
+        ready_s: float,
+        world: WorldPort | None,
     ) -> None:
         self._name = name
         self._server = _serve(world)

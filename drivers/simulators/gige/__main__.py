@@ -8,7 +8,6 @@ input closes where it was started with ``--end-with-stdin``.
 from __future__ import annotations
 
 import argparse
-import json
 import logging
 import os
 import signal
@@ -20,23 +19,23 @@ from drivers.simulators.control import ControlServer
 from drivers.simulators.gige.address import CameraProblem, free_address
 from drivers.simulators.gige.fake_camera import FakeCamera
 from drivers.simulators.gige.painter import Painter
+from drivers.simulators.process_main import say, watch_stdin, world_at
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivers.simulators.control import Verb
-    from drivers.simulators.world_port import WorldPort
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run until told to end."""
     options = _parser().parse_args(arguments)
     logging.basicConfig(level=options.log_level, stream=sys.stderr)
-    ended = _end_event(watch_stdin=options.end_with_stdin)
+    ended = _end_event(with_stdin=options.end_with_stdin)
     try:
         _serve(options, ended)
     except (CameraProblem, OSError) as error:
-        _say({"ready": False, "message": str(error)})
+        say({"ready": False, "message": str(error)})
         return 1
     return 0
 
@@ -60,7 +59,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _serve(options: argparse.Namespace, ended: threading.Event) -> None:
     """Appear, say so, and stay until told to end."""
-    world = _world(options.world)
+    world = world_at(options.world)
     size = world.frame_size() if world else (options.columns, options.rows)
     painter = Painter(world, size, options.gain_db_per_raw)
     host = free_address() if options.host == "auto" else options.host
@@ -70,7 +69,7 @@ def _serve(options: argparse.Namespace, ended: threading.Event) -> None:
     faults = ControlServer(_verbs(camera, painter), port=options.control_port)
     faults.start()
     try:
-        _say(
+        say(
             {
                 "ready": True,
                 "address": host,
@@ -117,34 +116,14 @@ def _verbs(camera: FakeCamera, painter: Painter) -> dict[str, Verb]:
     }
 
 
-def _world(address: str) -> WorldPort | None:
-    """The world over its loopback link, where one was named."""
-    if not address:
-        return None
-    from drivers.simulators.world_link import WorldClient
-
-    return WorldClient(address)
-
-
-def _end_event(*, watch_stdin: bool) -> threading.Event:
+def _end_event(*, with_stdin: bool) -> threading.Event:
     """Set by a signal, or when the parent's pipe closes."""
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
-
-    def watch() -> None:
-        while os.read(sys.stdin.fileno(), 4096):
-            pass
-        ended.set()
-
-    if watch_stdin:
-        threading.Thread(target=watch, name="parent-watch", daemon=True).start()
+    if with_stdin:
+        watch_stdin(ended.set)
     return ended
-
-
-def _say(line: dict[str, object]) -> None:
-    sys.stdout.write(json.dumps(line) + "\n")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -9,22 +9,17 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import json
 import logging
 import os
 import signal
 import sys
-import threading
-from typing import TYPE_CHECKING
 
+from drivers.simulators.process_main import say, watch_stdin, world_at
 from drivers.simulators.ur.faults import serve
 from drivers.simulators.ur.profiles import DEFAULT_PROFILE, PROFILES
 from drivers.simulators.ur.robot import HOME, Robot, RobotSettings
 from drivers.simulators.ur.server import Controller, listen_somewhere
 from mvp.kinematics import ARM_MODELS
-
-if TYPE_CHECKING:
-    from drivers.simulators.world_port import WorldPort
 
 _MODELS = [name for name in ARM_MODELS if name.startswith("ur")]
 _LAST_HOST = 254
@@ -38,7 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
         asyncio.run(_serve(options))
     except OSError as error:
         hint = "is the address in use? host = 'auto' takes a free one"
-        _say({"ready": False, "message": str(error), "hint": hint})
+        say({"ready": False, "message": str(error), "hint": hint})
         return 1
     return 0
 
@@ -81,13 +76,13 @@ def _robot(options: argparse.Namespace) -> Robot:
 
 async def _serve(options: argparse.Namespace) -> None:
     """Listen, say so, and keep the cycle until told to end."""
-    controller = Controller(_robot(options), "", _world(options.world))
+    controller = Controller(_robot(options), "", world_at(options.world))
     try:
         await listen_somewhere(controller, _hosts(options.host))
         faults = await serve(controller, options.control_port)
-        ended = _end_event(watch_stdin=options.end_with_stdin)
+        ended = _end_event(with_stdin=options.end_with_stdin)
         cycle = asyncio.create_task(controller.run())
-        _say(
+        say(
             {
                 "ready": True,
                 "host": controller.host,
@@ -118,35 +113,15 @@ def _hosts(host: str) -> list[str]:
     return [f"127.0.0.{2 + (first + k) % count}" for k in range(count)] + ["127.0.0.1"]
 
 
-def _end_event(*, watch_stdin: bool) -> asyncio.Event:
+def _end_event(*, with_stdin: bool) -> asyncio.Event:
     """Set by a signal, or when the parent's pipe closes."""
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, ended.set)
-
-    def watch() -> None:
-        while os.read(sys.stdin.fileno(), 4096):
-            pass
-        loop.call_soon_threadsafe(ended.set)
-
-    if watch_stdin:
-        threading.Thread(target=watch, name="parent-watch", daemon=True).start()
+    if with_stdin:
+        watch_stdin(lambda: loop.call_soon_threadsafe(ended.set))
     return ended
-
-
-def _world(address: str) -> WorldPort | None:
-    """The world over its loopback link, where one was named."""
-    if not address:
-        return None
-    from drivers.simulators.world_link import WorldClient
-
-    return WorldClient(address)
-
-
-def _say(line: dict[str, object]) -> None:
-    sys.stdout.write(json.dumps(line) + "\n")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import logging
 from typing import TYPE_CHECKING, ClassVar, Literal, Self, cast
 
 from pydantic import Field
 
-from drivers.simulators.own_process import OwnProcess
+from drivers.simulators.process_simulator import ProcessSimulator
 from drivers.simulators.ur.profiles import DEFAULT_PROFILE, PROFILES
 from mvp.errors import ConfigError
 from mvp.fileedge import FileModel
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
     from drivers.simulators.world_port import WorldPort
     from mvp.devices import DeviceContext, WorldBelief
 
-_LOG = logging.getLogger(__name__)
+_START_S = 30.0
 _MODEL = "ur5e"
 _Six = tuple[float, float, float, float, float, float]
 
@@ -41,7 +40,7 @@ class UrSimulatorConfig(FileModel):
     world: str = ""
 
 
-class UrSimulator:
+class UrSimulator(ProcessSimulator):
     """One controller in a process of its own.
 
     The constructors of the client library block with the interpreter locked, so a
@@ -49,16 +48,19 @@ class UrSimulator:
     """
 
     key: ClassVar[str] = "ur"
-    own_process: ClassVar[bool] = True
     Config = UrSimulatorConfig
 
     def __init__(
         self, config: UrSimulatorConfig, name: str, world: WorldPort | None = None
     ) -> None:
-        self.name = name
-        self._config = config
-        self._world = world
-        self._process: OwnProcess | None = None
+        super().__init__(
+            _command(config),
+            name=name,
+            address_key="host",
+            keys={},
+            ready_s=_START_S,
+            world=world,
+        )
 
     @classmethod
     def from_config(
@@ -78,68 +80,24 @@ class UrSimulator:
         world = cast("WorldPort | None", context.world if sees else None)
         return cls(_as_in(context.world, config), name, world)
 
-    @property
-    def control_port(self) -> int:
-        """Of the fault channel on 127.0.0.1; 0 while it does not run."""
-        return int(str(self._said("control_port", 0)))
 
-    @property
-    def host(self) -> str:
-        """The address it listens on; empty while it does not run."""
-        return str(self._said("host", ""))
-
-    @property
-    def pid(self) -> int:
-        """Of its process; 0 while it does not run."""
-        return self._process.pid if self._process else 0
-
-    def start(self) -> dict[str, object]:
-        """Start the process; the keys for the arm's table of the cell file.
-
-        Raises:
-            ConnectError: it did not come up.
-        """
-        if self._process is None:
-            self._process = OwnProcess(
-                self._command(), name=self.name, world=self._world
-            )
-            _LOG.debug("%s: listens on %s", self.name, self.host)
-        return {"host": self.host}
-
-    def stop(self) -> None:
-        """End the process; more than once is allowed."""
-        process, self._process = self._process, None
-        if process is not None:
-            process.end()
-
-    def __enter__(self) -> Self:
-        self.start()
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.stop()
-
-    def _said(self, key: str, otherwise: object) -> object:
-        return self._process.ready[key] if self._process else otherwise
-
-    def _command(self) -> list[str]:
-        config = self._config
-        options: dict[str, object] = {
-            "host": config.host,
-            "profile": config.profile,
-            "model": config.model or _MODEL,
-            "speed-scale": config.speed_scale,
-            "serial": config.serial,
-            "on-protective-stop": config.on_protective_stop,
-            "unlock-delay": config.unlock_delay_s,
-            "script-start": config.script_start_s,
-        }
-        command = ["drivers.simulators.ur"]
-        command += [f"--{key}={value}" for key, value in options.items()]
-        command += [f"--world={config.world}"] if config.world else []
-        command += [] if config.remote else ["--local"]
-        joints = config.joints_rad
-        return command + (["--joints", *map(repr, joints)] if joints else [])
+def _command(config: UrSimulatorConfig) -> list[str]:
+    options: dict[str, object] = {
+        "host": config.host,
+        "profile": config.profile,
+        "model": config.model or _MODEL,
+        "speed-scale": config.speed_scale,
+        "serial": config.serial,
+        "on-protective-stop": config.on_protective_stop,
+        "unlock-delay": config.unlock_delay_s,
+        "script-start": config.script_start_s,
+    }
+    command = ["drivers.simulators.ur"]
+    command += [f"--{key}={value}" for key, value in options.items()]
+    command += [f"--world={config.world}"] if config.world else []
+    command += [] if config.remote else ["--local"]
+    joints = config.joints_rad
+    return command + (["--joints", *map(repr, joints)] if joints else [])
 
 
 def _as_in(world: object, config: UrSimulatorConfig) -> UrSimulatorConfig:
