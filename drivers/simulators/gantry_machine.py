@@ -1,11 +1,11 @@
-"""What the simulated gantry controllers share: their faults, and the arm they move."""
+"""What the simulated gantry controllers share: port, faults, and the arm they move."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol, cast
 
 from drivers.simulators.host import Machine
-from drivers.simulators.serial_simulator import Reported
+from drivers.simulators.serial_simulator import LineSettings, Reported, SerialSimulator
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,7 +34,7 @@ class GantryMachine(Machine, Protocol):
         ...
 
 
-def gantry_in_world(machine: GantryMachine, context: DeviceContext) -> Machine:
+def _in_world(machine: GantryMachine, context: DeviceContext) -> Machine:
     """The machine, telling the world of a context where its axes are."""
     if context.world is None:
         return machine
@@ -66,3 +66,27 @@ def gantry_verbs(machine: GantryMachine, clock: Clock) -> dict[str, Verb]:
         "mend": lambda asked: machine.axes.broken.discard(axis(asked)),
         "power_cycle": lambda asked: machine.power_up(clock.now_s()),
     }
+
+
+class GantrySimulator(SerialSimulator):
+    """A G-code controller behind its port.
+
+    The fault channel has ``gantry_verbs``, and those that are given beside them.
+    """
+
+    def __init__(
+        self,
+        machine: GantryMachine,
+        line: LineSettings,
+        context: DeviceContext,
+        *,
+        name: str,
+        verbs: Mapping[str, Verb],
+    ) -> None:
+        super().__init__(
+            _in_world(machine, context),
+            line,
+            rng=context.rng,
+            name=name,
+            verbs={**gantry_verbs(machine, context.clock), **verbs},
+        )

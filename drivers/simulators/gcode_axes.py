@@ -46,6 +46,44 @@ class AxisSettings(FileModel):
     joint_sign: int = 1
 
 
+def slide(
+    letter: str,
+    travel: float,
+    *,
+    start: float,
+    joint_zero: float,
+    switch: str,
+    steps_per_unit: float,
+) -> AxisSettings:
+    """X, Y or Z of a camera gantry, in mm; Z is slower."""
+    upright = letter == "Z"
+    return AxisSettings(
+        letter=letter,
+        travel=travel,
+        rate_min=9000 if upright else 18_000,
+        acceleration=500 if upright else 1000,
+        steps_per_unit=steps_per_unit,
+        switch=switch,
+        start=start,
+        joint_zero=joint_zero,
+    )
+
+
+def camera_head() -> tuple[AxisSettings, ...]:
+    """A pans, B tilts; neither is homed."""
+    return tuple(
+        AxisSettings(
+            letter=letter,
+            travel=travel,
+            rate_min=5400,
+            acceleration=300,
+            steps_per_unit=160,
+            switch=None,
+        )
+        for letter, travel in (("A", 180.0), ("B", 100.0))
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Block:
     """A straight move that waits for its turn.

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from drivers.simulators.gantry_machine import gantry_in_world, gantry_verbs
+from drivers.simulators.gantry_machine import GantrySimulator
 from drivers.simulators.grbl_machine import GrblMachine
 from drivers.simulators.grbl_profiles import GrblConfig
-from drivers.simulators.serial_simulator import SerialSimulator
 
 if TYPE_CHECKING:
     from typing import Self
@@ -17,11 +16,10 @@ if TYPE_CHECKING:
 __all__ = ["GrblConfig", "GrblMachine", "GrblSimulator"]
 
 
-class GrblSimulator(SerialSimulator):
+class GrblSimulator(GantrySimulator):
     """The controller with its fault channel: ``gantry_verbs`` and ``refuse_next``."""
 
     key: ClassVar[str] = "grbl"
-    own_process: ClassVar[bool] = False
     Config = GrblConfig
 
     @classmethod
@@ -31,12 +29,11 @@ class GrblSimulator(SerialSimulator):
         """Build the simulator; no I/O."""
         machine = GrblMachine(config)
         return cls(
-            gantry_in_world(machine, context),
+            machine,
             config,
-            rng=context.rng,
+            context,
             name=name,
             verbs={
-                **gantry_verbs(machine, context.clock),
                 "refuse_next": lambda asked: machine.refuse_next(
                     int(str(asked["code"]))
                 ),

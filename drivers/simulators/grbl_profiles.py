@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from drivers.simulators.gcode_axes import AxisSettings
+from drivers.simulators.gcode_axes import AxisSettings, camera_head, slide
 from drivers.simulators.motor import RateSettings
 from drivers.simulators.serial_simulator import LineSettings
 
@@ -104,48 +104,19 @@ PROFILES: dict[str, Profile] = {
 
 def camera_gantry() -> tuple[AxisSettings, ...]:
     """X, Y, Z with switches at their positive ends; A pans, B tilts, neither homed."""
-    return (
-        AxisSettings(
-            letter="X",
-            travel=1200,
-            rate_min=18_000,
-            acceleration=1000,
-            start=-600,
-            joint_zero=600,
-        ),
-        AxisSettings(
-            letter="Y",
-            travel=1200,
-            rate_min=18_000,
-            acceleration=1000,
-            start=-600,
-            joint_zero=600,
-        ),
-        AxisSettings(
-            letter="Z",
-            travel=900,
-            rate_min=9000,
-            acceleration=500,
-            start=-300,
-            joint_zero=900,
-        ),
-        AxisSettings(
-            letter="A",
-            travel=180,
-            rate_min=5400,
-            acceleration=300,
-            steps_per_unit=160,
-            switch=None,
-        ),
-        AxisSettings(
-            letter="B",
-            travel=100,
-            rate_min=5400,
-            acceleration=300,
-            steps_per_unit=160,
-            switch=None,
-        ),
+    places = (("X", 1200, -600, 600), ("Y", 1200, -600, 600), ("Z", 900, -300, 900))
+    slides = (
+        slide(
+            letter,
+            travel,
+            start=start,
+            joint_zero=zero,
+            switch="high",
+            steps_per_unit=250,
+        )
+        for letter, travel, start, zero in places
     )
+    return (*slides, *camera_head())
 
 
 class GrblConfig(LineSettings, RateSettings):

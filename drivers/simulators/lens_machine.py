@@ -1,11 +1,11 @@
-"""What the simulated lens controllers share: their faults, and the world they move."""
+"""What the simulated lens controllers share: port, faults, and the world they move."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol, cast
 
 from drivers.simulators.host import Machine
-from drivers.simulators.serial_simulator import Reported
+from drivers.simulators.serial_simulator import LineSettings, Reported, SerialSimulator
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,7 +34,7 @@ class LensMachine(Machine, Protocol):
         ...
 
 
-def with_world(machine: LensMachine, context: DeviceContext) -> Machine:
+def _in_world(machine: LensMachine, context: DeviceContext) -> Machine:
     """The machine, telling the world of a context where its motors are."""
     if context.world is None:
         return machine
@@ -69,3 +69,23 @@ def lens_verbs(machine: LensMachine, clock: Clock) -> dict[str, Verb]:
         "turn": turn,
         "power_cycle": lambda asked: machine.power_up(clock.now_s()),
     }
+
+
+class LensSimulator(SerialSimulator):
+    """A lens controller behind its port; the fault channel has ``lens_verbs``."""
+
+    def __init__(
+        self,
+        machine: LensMachine,
+        line: LineSettings,
+        context: DeviceContext,
+        *,
+        name: str,
+    ) -> None:
+        super().__init__(
+            _in_world(machine, context),
+            line,
+            rng=context.rng,
+            name=name,
+            verbs=lens_verbs(machine, context.clock),
+        )

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from drivers.simulators.gantry_machine import gantry_in_world, gantry_verbs
+from drivers.simulators.gantry_machine import GantrySimulator
 from drivers.simulators.marlin_config import MarlinConfig
 from drivers.simulators.marlin_machine import MarlinMachine
-from drivers.simulators.serial_simulator import SerialSimulator
 
 if TYPE_CHECKING:
     from typing import Self
@@ -17,11 +16,10 @@ if TYPE_CHECKING:
 __all__ = ["MarlinConfig", "MarlinMachine", "MarlinSimulator"]
 
 
-class MarlinSimulator(SerialSimulator):
+class MarlinSimulator(GantrySimulator):
     """The board behind its port."""
 
     key: ClassVar[str] = "marlin"
-    own_process: ClassVar[bool] = False
     Config = MarlinConfig
 
     @classmethod
@@ -29,11 +27,4 @@ class MarlinSimulator(SerialSimulator):
         cls, config: MarlinConfig, context: DeviceContext, *, name: str
     ) -> Self:
         """Build the simulator; no I/O."""
-        machine = MarlinMachine(config)
-        return cls(
-            gantry_in_world(machine, context),
-            config,
-            rng=context.rng,
-            name=name,
-            verbs=gantry_verbs(machine, context.clock),
-        )
+        return cls(MarlinMachine(config), config, context, name=name, verbs={})

@@ -4,39 +4,26 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from drivers.simulators.gcode_axes import AxisSettings
+from drivers.simulators.gcode_axes import AxisSettings, camera_head, slide
 from drivers.simulators.motor import RateSettings
 from drivers.simulators.serial_simulator import LineSettings
 
 
 def marlin_gantry() -> tuple[AxisSettings, ...]:
     """X, Y, Z with switches at their low ends; A pans, B tilts, neither homed."""
-    linear = {"X": (1200.0, -600.0), "Y": (1200.0, -600.0), "Z": (900.0, 0.0)}
-    axes = [
-        AxisSettings(
-            letter=letter,
-            travel=travel,
-            rate_min=18_000 if letter != "Z" else 9000,
-            acceleration=1000 if letter != "Z" else 500,
-            steps_per_unit=80,
-            switch="low",
+    places = (("X", 1200, -600), ("Y", 1200, -600), ("Z", 900, 0))
+    slides = (
+        slide(
+            letter,
+            travel,
             start=travel / 2,
             joint_zero=zero,
+            switch="low",
+            steps_per_unit=80,
         )
-        for letter, (travel, zero) in linear.items()
-    ]
-    turning = [
-        AxisSettings(
-            letter=letter,
-            travel=travel,
-            rate_min=5400,
-            acceleration=300,
-            steps_per_unit=160,
-            switch=None,
-        )
-        for letter, travel in (("A", 180.0), ("B", 100.0))
-    ]
-    return (*axes, *turning)
+        for letter, travel, zero in places
+    )
+    return (*slides, *camera_head())
 
 
 class MarlinConfig(LineSettings, RateSettings):

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 from pydantic import Field
 
-from drivers.simulators.lens_machine import lens_verbs, with_world
+from drivers.simulators.lens_machine import LensSimulator
 from drivers.simulators.motor import Motor, RateSettings, Travel
-from drivers.simulators.serial_simulator import LineSettings, SerialSimulator
+from drivers.simulators.serial_simulator import LineSettings
 from mvp.devices import AXES, Axis
 
 if TYPE_CHECKING:
@@ -212,11 +212,10 @@ class Scf4Machine:
         return ", ".join(str(value) for value in values)
 
 
-class Scf4Simulator(SerialSimulator):
+class Scf4Simulator(LensSimulator):
     """The controller behind its port."""
 
     key: ClassVar[str] = "scf4"
-    own_process: ClassVar[bool] = False
     Config = Scf4Config
 
     @classmethod
@@ -224,11 +223,4 @@ class Scf4Simulator(SerialSimulator):
         cls, config: Scf4Config, context: DeviceContext, *, name: str
     ) -> Self:
         """Build the simulator; no I/O."""
-        machine = Scf4Machine(config)
-        return cls(
-            with_world(machine, context),
-            config,
-            rng=context.rng,
-            name=name,
-            verbs=lens_verbs(machine, context.clock),
-        )
+        return cls(Scf4Machine(config), config, context, name=name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -115,6 +115,8 @@ class SerialSimulator:
         name: the role of the device it stands for.
         verbs: faults of its own, called with the machine at rest under the lock.
     """
+
+    own_process: ClassVar[bool] = False
 
     def __init__(
         self,

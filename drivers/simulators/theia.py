@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pydantic import Field
 
-from drivers.simulators.lens_machine import lens_verbs, with_world
+from drivers.simulators.lens_machine import LensSimulator
 from drivers.simulators.motor import Motor, RateSettings, Travel
-from drivers.simulators.serial_simulator import LineSettings, SerialSimulator
+from drivers.simulators.serial_simulator import LineSettings
 from mvp.devices import AXES, Axis
 
 if TYPE_CHECKING:
@@ -245,11 +245,10 @@ class TheiaMachine:
         self._lost_path = path != _USB
 
 
-class TheiaSimulator(SerialSimulator):
+class TheiaSimulator(LensSimulator):
     """The board behind its port."""
 
     key: ClassVar[str] = "theia"
-    own_process: ClassVar[bool] = False
     Config = TheiaConfig
 
     @classmethod
@@ -257,11 +256,4 @@ class TheiaSimulator(SerialSimulator):
         cls, config: TheiaConfig, context: DeviceContext, *, name: str
     ) -> Self:
         """Build the simulator; no I/O."""
-        machine = TheiaMachine(config)
-        return cls(
-            with_world(machine, context),
-            config,
-            rng=context.rng,
-            name=name,
-            verbs=lens_verbs(machine, context.clock),
-        )
+        return cls(TheiaMachine(config), config, context, name=name)

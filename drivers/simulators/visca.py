@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pydantic import Field
 
-from drivers.simulators.lens_machine import lens_verbs, with_world
+from drivers.simulators.lens_machine import LensSimulator
 from drivers.simulators.motor import Motor, RateSettings, Travel
-from drivers.simulators.serial_simulator import LineSettings, SerialSimulator
+from drivers.simulators.serial_simulator import LineSettings
 from mvp.devices import AXES, Axis
 
 if TYPE_CHECKING:
@@ -298,11 +298,10 @@ def _split(value: float, count: int) -> tuple[int, ...]:
     return tuple(whole >> 4 * k & 0x0F for k in reversed(range(count)))
 
 
-class ViscaSimulator(SerialSimulator):
+class ViscaSimulator(LensSimulator):
     """The camera behind its port."""
 
     key: ClassVar[str] = "visca"
-    own_process: ClassVar[bool] = False
     Config = ViscaConfig
 
     @classmethod
@@ -310,11 +309,4 @@ class ViscaSimulator(SerialSimulator):
         cls, config: ViscaConfig, context: DeviceContext, *, name: str
     ) -> Self:
         """Build the simulator; no I/O."""
-        machine = ViscaMachine(config)
-        return cls(
-            with_world(machine, context),
-            config,
-            rng=context.rng,
-            name=name,
-            verbs=lens_verbs(machine, context.clock),
-        )
+        return cls(ViscaMachine(config), config, context, name=name)
