@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from mvp.errors import (
     ConnectError,
+    DeviceError,
     DeviceFault,
     DeviceTimeout,
     LimitError,
@@ -73,26 +74,57 @@ def _line(*, impostor: str, **others: Case | NoSense) -> Row:
     return row | {name.replace("_", " "): case for name, case in others.items()}
 
 
+def _cut_answer(
+    how: str,
+    *,
+    lost_bytes: int,
+    raises: tuple[type[DeviceError], ...] = (DeviceTimeout,),
+    within_s: float,
+    timeout_s: float = 60.0,
+    may_go_on: bool = False,
+) -> Case:
+    """An answer loses its first bytes while it moves."""
+    return Case(
+        how,
+        "motion",
+        raises,
+        within_s,
+        (order("drop_next", count=lost_bytes),),
+        timeout_s=timeout_s,
+        may_go_on=may_go_on,
+    )
+
+
+def _supply_fails(
+    *raises: type[DeviceError],
+    within_s: float,
+    code: str = "",
+    consequence: str = "",
+    patience_s: float = 0.0,
+) -> Case:
+    """The power goes and comes while it moves."""
+    return Case(
+        f"the supply fails for a moment{consequence}",
+        "motion",
+        raises,
+        within_s,
+        (order("power_cycle"),),
+        code=code,
+        patience_s=patience_s,
+    )
+
+
 TABLE: dict[str, Row] = {
     "ur": UR,
     "gantry, grblHAL": _line(
         impostor="scf4",
-        half_frame=Case(
+        half_frame=_cut_answer(
             "the answer that ends the move loses its first bytes",
-            "motion",
-            (DeviceTimeout,),
-            15,
-            (order("drop_next", count=3),),
+            lost_bytes=3,
+            within_s=15,
             timeout_s=2,
         ),
-        restarted=Case(
-            "the supply fails for a moment",
-            "motion",
-            (DeviceFault,),
-            5,
-            (order("power_cycle"),),
-            code="GrblHAL",
-        ),
+        restarted=_supply_fails(DeviceFault, within_s=5, code="GrblHAL"),
         alarm=Case(
             "a limit switch is hit",
             "motion",
@@ -106,22 +138,13 @@ TABLE: dict[str, Row] = {
     ),
     "gantry, Marlin": _line(
         impostor="theia",
-        half_frame=Case(
+        half_frame=_cut_answer(
             "the answer that ends the move loses its first bytes",
-            "motion",
-            (DeviceTimeout,),
-            25,
-            (order("drop_next", count=2),),
+            lost_bytes=2,
+            within_s=25,
             timeout_s=2,
         ),
-        restarted=Case(
-            "the supply fails for a moment",
-            "motion",
-            (DeviceFault,),
-            5,
-            (order("power_cycle"),),
-            code="start",
-        ),
+        restarted=_supply_fails(DeviceFault, within_s=5, code="start"),
         alarm=Case(
             "the board says that it has been killed",
             "motion",
@@ -134,20 +157,13 @@ TABLE: dict[str, Row] = {
     ),
     "scf4": _line(
         impostor="marlin",
-        half_frame=Case(
+        half_frame=_cut_answer(
             "a status loses its first bytes; it is asked for again",
-            "motion",
-            (),
-            30,
-            (order("drop_next", count=4),),
+            lost_bytes=4,
+            raises=(),
+            within_s=30,
         ),
-        restarted=Case(
-            "the supply fails for a moment",
-            "motion",
-            (DeviceFault, DeviceTimeout),
-            8,
-            (order("power_cycle"),),
-        ),
+        restarted=_supply_fails(DeviceFault, DeviceTimeout, within_s=8),
         alarm=Case(
             "a motor sticks while it looks for its light barrier",
             "rest",
@@ -161,19 +177,13 @@ TABLE: dict[str, Row] = {
     ),
     "theia-mcr": _line(
         impostor="grbl",
-        half_frame=Case(
+        half_frame=_cut_answer(
             "the answer that ends the move loses its first byte",
-            "motion",
-            (DeviceTimeout,),
-            15,
-            (order("drop_next", count=1),),
+            lost_bytes=1,
+            within_s=15,
         ),
-        restarted=Case(
-            "the supply fails for a moment: no answer ever comes",
-            "motion",
-            (DeviceTimeout,),
-            15,
-            (order("power_cycle"),),
+        restarted=_supply_fails(
+            DeviceTimeout, within_s=15, consequence=": no answer ever comes"
         ),
         alarm=Case(
             "the board says that a motion ended badly",
@@ -186,23 +196,14 @@ TABLE: dict[str, Row] = {
     ),
     "visca": _line(
         impostor="scf4",
-        half_frame=Case(
+        half_frame=_cut_answer(
             "an answer loses its first byte; an acknowledgment is missed, a completion "
             "is not, as the position is what counts",
-            "motion",
-            (DeviceTimeout,),
-            8,
-            (order("drop_next", count=1),),
+            lost_bytes=1,
+            within_s=8,
             may_go_on=True,
         ),
-        restarted=Case(
-            "the supply fails for a moment",
-            "motion",
-            (DeviceFault, DeviceTimeout),
-            10,
-            (order("power_cycle"),),
-            patience_s=10,
-        ),
+        restarted=_supply_fails(DeviceFault, DeviceTimeout, within_s=10, patience_s=10),
         alarm=Case(
             "the focus sticks",
             "rest",
