@@ -62,7 +62,7 @@ class MotionControl:
         self.axes = Axes(config.driven, config.speed_scale)
         self.letters = "".join(axis.letter for axis in config.driven)
         self.homed: set[int] = set()
-        self.restart(locked=True)
+        self.restart(locked=config.locked)
 
     def restart(self, *, locked: bool) -> None:
         """The state after a restart; counters are not touched."""

@@ -130,6 +130,7 @@ class GrblConfig(LineSettings, RateSettings):
         pull_off: from the switch after homing, mm.
         hard_limits: a switch that is met in a move is an alarm.
         resets_on_open: boards that restart when the port is opened.
+        locked: as it is when just switched on; else as somebody has left it.
         hold_byte: whether ``!`` and ``~`` act.
         user_text: of ``$I``, which an owner writes into the controller.
         settings: ``$`` numbers that differ from what the other keys say.
@@ -143,6 +144,7 @@ class GrblConfig(LineSettings, RateSettings):
     pull_off: float = Field(default=1.0, gt=0)
     hard_limits: bool = False
     resets_on_open: bool = True
+    locked: bool = True
     hold_byte: bool = True
     boot_s: float = Field(default=0.5, ge=0)
     user_text: str = ""
