@@ -1,0 +1,133 @@
+"""What the folder of a session adds to a report: pictures, facts, the result before."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibration.report.model import About, LeftOut, Photo
+from calibration.wizard.comparison import (
+    compare_cameras,
+    compare_lens_tables,
+    compare_rigid,
+)
+from mvp.calibrated import CameraCalibration, LensTableCalibration, RigidCalibration
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from calibration.wizard.comparison import Comparison
+    from calibration.wizard.session_store import Sample, SessionStore
+    from mvp.fileedge import FileModel
+    from mvp.wizard import SessionFacts
+
+_WHITE = 255
+
+
+def about_session(
+    store: SessionStore,
+    document: FileModel | None,
+    *,
+    distance_mm: float,
+    point_part_mm: Sequence[float] = (0.0, 0.0, 0.0),
+) -> About:
+    """Everything about a session that its estimator does not know.
+
+    Args:
+        store: the session.
+        document: the new result, to be compared with the one that the cell had; None:
+            there is none.
+        distance_mm: working distance from the entrance pupil.
+        point_part_mm: where poses of a part are compared.
+
+    Raises:
+        RecordError: a picture is missing or damaged.
+    """
+    facts, samples = store.facts, store.samples
+    return About(
+        _subject(facts),
+        facts.simulated,
+        _facts(facts, samples),
+        tuple(_photo(store, sample) for sample in samples if sample.usable),
+        tuple(LeftOut(s.name, s.reason, s.action) for s in samples if not s.usable),
+        _compared(facts, document, distance_mm, point_part_mm),
+        (
+            ("session", store.path.name),
+            ("input sha256", store.sha256()),
+            ("seed", str(facts.seed)),
+        ),
+    )
+
+
+def _subject(facts: SessionFacts) -> str:
+    role = {"camera": "camera", "lens": "lens", "hand-eye": "arm"}.get(facts.key, "")
+    serial = facts.serials.get(role, "")
+    return f"{role} {serial} of cell {facts.cell}" if serial else f"cell {facts.cell}"
+
+
+def _facts(
+    facts: SessionFacts, samples: Sequence[Sample]
+) -> tuple[tuple[str, str], ...]:
+    used = sum(sample.usable for sample in samples)
+    rows = [
+        ("date", facts.date),
+        ("pictures", f"{used} used, {len(samples) - used} not used"),
+        ("arm", facts.arm_model),
+    ]
+    rows += [(f"serial of the {role}", text) for role, text in facts.serials.items()]
+    temperature = facts.temperature_c
+    known = "not known" if temperature is None else f"{temperature:.1f} deg C"
+    rows.append(("temperature", known))
+    target = facts.target
+    if target is not None:
+        rows.append(
+            (
+                "target",
+                f"{target.kind} {target.columns} x {target.rows}, square "
+                f"{target.square_mm:.4g} ± {target.square_sigma_mm:.2g} mm",
+            )
+        )
+    steps = sorted({tuple(sorted(s.lens_steps.items())) for s in samples if s.usable})
+    if len(steps) == 1:
+        words = ", ".join(f"{name} {step}" for name, step in steps[0])
+        rows.append(("lens setting", words))
+    elif steps:
+        rows.append(("lens settings", f"{len(steps)} different ones"))
+    return tuple(rows)
+
+
+def _photo(store: SessionStore, sample: Sample) -> Photo:
+    pixels = store.image(sample)
+    grey = np.asarray(pixels, np.float64) * (_WHITE / max(sample.full_scale, 1))
+    flat = grey if grey.ndim == 2 else grey.mean(axis=2)
+    shown = np.clip(flat, 0, _WHITE).astype(np.uint8)
+    return Photo(sample.name, shown, sample.found_pixels, sample.image)
+
+
+def _compared(
+    facts: SessionFacts,
+    document: FileModel | None,
+    distance_mm: float,
+    point_part_mm: Sequence[float],
+) -> Comparison | None:
+    if isinstance(document, CameraCalibration):
+        return compare_cameras(facts.camera, document, distance_mm=distance_mm)
+    if isinstance(document, LensTableCalibration):
+        sensor = facts.sensor
+        half = np.hypot(
+            sensor.width_px * sensor.pitch_x_mm, sensor.height_px * sensor.pitch_y_mm
+        )
+        f = min(document.zoom_f_mm.values_mm)
+        return compare_lens_tables(
+            facts.lens_table,
+            document,
+            distance_mm=distance_mm,
+            half_field_mm=float(half / 2 / f * distance_mm),
+        )
+    if isinstance(document, RigidCalibration):
+        part = document.schema_ == "mvp-cell/part-pose/1"
+        before = facts.part_pose if part else facts.hand_eye
+        at = point_part_mm if part else (0.0, 0.0, distance_mm)
+        return compare_rigid(before, document, at_source_mm=at)
+    return None
