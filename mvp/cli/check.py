@@ -61,4 +61,6 @@ def _verdict(document: CheckDocument) -> str:
         failed = sum(not item.passed for item in document.items)
         return f"NOT ready, {failed} of {len(document.items)} checks failed"
     warnings = sum(item.warning for item in document.items)
-    return f"ready, but look at {warnings} warning(s)" if warnings else "ready"
+    if not warnings:
+        return "ready"
+    return f"ready, but look at {warnings} warning{'s' * (warnings > 1)}"
