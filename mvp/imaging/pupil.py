@@ -115,6 +115,37 @@ def joint_samples(
     )
 
 
+def independent_parts(samples: JointSamples) -> JointSamples:
+    """Twice as many samples, in which the pupil has nothing to do with the rest.
+
+    In a small set that serves every pixel alike, the pupil would by chance go with the
+    place within the pixel or the diffraction, and blur would grow from another distance
+    than the sharp one. Every place is therefore seen through both opposite places of the
+    pupil, and pupil and pixel get the second moments of a disc and a square.
+    """
+    pupil = _round(samples.pupil_mm, _disc_moment(samples.pupil_mm))
+    pixel = _round(samples.pixel_px, 1 / 12)
+    return JointSamples(
+        np.concatenate([pixel, pixel]),
+        np.concatenate([pupil, -pupil]),
+        np.concatenate([samples.airy_mm, samples.airy_mm]),
+    )
+
+
+def _disc_moment(places: FloatArray) -> float:
+    """Second moment along one axis, the mean over both."""
+    return float((places**2).mean())
+
+
+def _round(places: FloatArray, moment: float) -> FloatArray:
+    """Places (n, 2) stretched to one second moment in all directions."""
+    own = places.T @ places / len(places)
+    if moment == 0 or np.linalg.det(own) <= 0:
+        return places
+    values, axes = np.linalg.eigh(own)
+    return np.asarray(places @ (axes * np.sqrt(moment / values)) @ axes.T)
+
+
 def _with_opposites(values: FloatArray) -> FloatArray:
     return np.concatenate([values, -values])
 

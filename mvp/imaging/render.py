@@ -16,7 +16,12 @@ import numpy as np
 
 from mvp.imaging.diffraction import THIRD_RING
 from mvp.imaging.light import Illumination
-from mvp.imaging.pupil import WAVELENGTH_MM, PupilOptics, joint_samples
+from mvp.imaging.pupil import (
+    WAVELENGTH_MM,
+    PupilOptics,
+    independent_parts,
+    joint_samples,
+)
 from mvp.imaging.render_mix import margin_px, mix_borders, spread_of
 from mvp.imaging.render_plain import plain_picture
 from mvp.imaging.render_sampled import sampled_pixels
@@ -45,7 +50,7 @@ class RenderQuality:
             noise; "sampled" draws everything near a border by joint samples, right
             even where a blurred background shows from behind a foreground, and slow.
         edge_samples: joint samples per sampled pixel, a power of 2.
-        print_samples: joint samples of a printed target, a power of 2.
+        print_samples: joint samples of a printed target, a power of 2, 4 or more.
         defocus: draw the blur circle.
         diffraction: draw the Airy pattern.
         wavelength_mm: of the light.
@@ -53,7 +58,7 @@ class RenderQuality:
 
     method: Literal["borders", "sampled"] = "borders"
     edge_samples: int = 64
-    print_samples: int = 32
+    print_samples: int = 64
     defocus: bool = True
     diffraction: bool = True
     wavelength_mm: float = WAVELENGTH_MM
@@ -128,7 +133,14 @@ def render(
 
 def _prints(view: CameraView, grey: Float32Array, quality: RenderQuality) -> None:
     if view.has_prints:
-        blurred_prints(view, grey, _samples(view, quality.print_samples, quality))
+        half = joint_samples(
+            quality.print_samples // 2,
+            view.optics,
+            defocus=quality.defocus,
+            diffraction=False,
+        )
+        samples = independent_parts(half)
+        blurred_prints(view, grey, samples, diffraction=quality.diffraction)
 
 
 def _edges(view: CameraView, grey: Float32Array, quality: RenderQuality) -> None:

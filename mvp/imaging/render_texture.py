@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from scipy.fft import fftfreq, irfft2, next_fast_len, rfft2, rfftfreq
+
+from mvp.imaging.diffraction import airy_transfer
 
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, IntArray, Pose
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
     from mvp.imaging.render_view import CameraView
 
 _PARALLEL = 1e-3
+_RINGS = 12.0
 
 
 def print_albedo(
@@ -100,10 +104,34 @@ def _lookup(
     return np.asarray(found, dtype=np.float32).reshape(shape)
 
 
+def _pairs_lookup(albedo: Float32Array, texels: Float32Array) -> Float32Array:
+    """As ``_lookup`` for a picture (h, w, 2) of texel coordinates."""
+    if max(texels.shape[:2]) > 32_000:
+        return _lookup(albedo, texels[..., 0], texels[..., 1])
+    found = cv2.remap(
+        albedo,
+        texels,
+        None,
+        interpolation=cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(found, dtype=np.float32)
+
+
 def blurred_prints(
-    view: CameraView, grey: Float32Array, samples: JointSamples
+    view: CameraView,
+    grey: Float32Array,
+    samples: JointSamples,
+    *,
+    diffraction: bool = True,
 ) -> BoolArray:
     """Multiply the blurred prints into a picture, in place.
+
+    Args:
+        view: camera and scene.
+        grey: (rows, columns), without the prints.
+        samples: of pixel and pupil.
+        diffraction: spread the print by the pattern of a round pupil as well.
 
     Returns:
         (rows, columns) the pixels whose centre shows a print.
@@ -115,7 +143,9 @@ def blurred_prints(
         shown = printed_triangles(view, number)[view.triangles]
         anywhere |= shown
         if shown.any():
-            _blurred_print(view, body, body.texture, shown, grey, samples)
+            _blurred_print(
+                view, body, body.texture, shown, grey, samples, diffraction=diffraction
+            )
     return anywhere
 
 
@@ -126,6 +156,8 @@ def _blurred_print(
     shown: BoolArray,
     grey: Float32Array,
     samples: JointSamples,
+    *,
+    diffraction: bool,
 ) -> None:
     rows, columns = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
     crop = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
@@ -135,15 +167,37 @@ def _blurred_print(
         if min(texels.shape[:2]) > 1
         else (np.zeros_like(texels), np.zeros_like(texels))
     )
+    by_pupil = blur[..., None] * np.stack([along_x, along_y])
+    ways = np.stack([texels, along_x, along_y, *by_pupil]).reshape(5, -1)
+    fixed = samples.pixel_px
+    pupil = samples.pupil_mm / view.optics.a_mm / view.pitch_mm
+    shares = np.column_stack([np.ones(len(fixed)), fixed, pupil]).astype(np.float32)
     total = np.zeros(texels.shape[:2], dtype=np.float32)
-    fixed = (samples.pixel_px + samples.airy_mm / view.pitch_mm).astype(np.float32)
-    pupil = (samples.pupil_mm / view.optics.a_mm / view.pitch_mm).astype(np.float32)
-    for shift, lens in zip(fixed, pupil, strict=True):
-        right, down = shift[0] + blur * lens[0], shift[1] + blur * lens[1]
-        place = texels + along_x * right[..., None] + along_y * down[..., None]
-        total += _lookup(texture.albedo, place[..., 0], place[..., 1])
+    for share in shares:
+        total += _pairs_lookup(texture.albedo, (share @ ways).reshape(texels.shape))
+    total = total / np.float32(len(fixed))
+    if diffraction:
+        total = _diffracted(total, view.optics.airy_unit_mm / view.pitch_mm)
     inside = shown[crop]
-    grey[crop][inside] *= total[inside] / np.float32(len(fixed))
+    grey[crop][inside] *= total[inside]
+
+
+def _diffracted(picture: Float32Array, airy_px: FloatArray) -> Float32Array:
+    """A picture spread by a round pupil, by its transfer function.
+
+    Args:
+        picture: (h, w), averaged over the pixels.
+        airy_px: (2,) lambda N_w by the pixel's width and height.
+    """
+    pad = int(np.ceil(_RINGS * float(airy_px.max()))) + 1
+    wide = np.pad(picture, pad, mode="edge")
+    shape = [next_fast_len(size) for size in wide.shape]
+    across = rfftfreq(shape[1]) * airy_px[0]
+    down = fftfreq(shape[0]) * airy_px[1]
+    transfer = airy_transfer(np.hypot(across[None], down[:, None])).astype(np.float32)
+    spread = irfft2(rfft2(wide, shape) * transfer, shape)
+    rows, columns = picture.shape
+    return np.asarray(spread[pad : pad + rows, pad : pad + columns], np.float32)
 
 
 def _plane_maps(

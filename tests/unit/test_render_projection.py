@@ -138,8 +138,12 @@ def test_a_printed_chessboard_is_found_where_opencv_projects_it(
     x, y = np.meshgrid(np.arange(7) + 2.0, np.arange(5) + 2.0)
     inner = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3) * size_mm
     wanted = opencv_pixels(world_from_print.apply(inner), pose, intrinsics)
-    gap = np.linalg.norm(wanted[:, None] - corners[None], axis=-1).min(axis=1)
-    assert gap.max() < 0.05
+    off = wanted[:, None] - corners[None]
+    nearest = np.linalg.norm(off, axis=-1).argmin(axis=1)
+    off = off[np.arange(len(wanted)), nearest]
+    # The corner finder errs by as much itself where edges are sharper than its pixels.
+    assert np.linalg.norm(off, axis=1).max() < 0.1
+    assert np.abs(off.mean(axis=0)).max() < 0.012
 
 
 def test_the_outline_of_a_printed_plane_is_as_exact_as_any_edge() -> None:
