@@ -128,7 +128,7 @@ class GantryArm:
             f"{identity.firmware} {identity.version}" if identity else "",
             simulated=False,
             extra={
-                "address": self._wire.address,
+                "address": self._wire.session.address,
                 "declared_axes": ", ".join(self._declared) or "none",
             },
         )
@@ -188,7 +188,7 @@ class GantryArm:
             Whatever ``clear`` raises.
         """
         self._link.require_open()
-        with self._wire.dumping(), self._acting():
+        with self._wire.session.dumping(), self._acting():
             self._lose_home("homing")
             with self._stopped_cleanly():
                 self._wire.home(timeout_s=min(timeout_s, self._config.homing_s))
@@ -209,7 +209,7 @@ class GantryArm:
         self._link.require_open()
         target = self._axes.checked(joints)
         share = _share(speed_fraction)
-        with self._wire.dumping(), self._acting():
+        with self._wire.session.dumping(), self._acting():
             here = self._ready()
             feed = self._axes.feed_min(here, target, share)
             with self._stopped_cleanly():
@@ -221,7 +221,7 @@ class GantryArm:
 
     def stop(self) -> None:
         """Stop now, from any thread; a homing that is stopped loses the position."""
-        if not self._link.is_open or self._wire.is_lost:
+        if not self._link.is_open or self._wire.session.is_lost:
             return
         with self._sending_stop:
             self._stopping.set()
@@ -266,7 +266,7 @@ class GantryArm:
             require_same(self._identity, self._config.serial, self.name)
             report = self._wire.report()
         except BaseException:
-            self._wire.close()
+            self._wire.session.close()
             raise
         # A hand may have turned an axis that no switch has found.
         known = report.homed is True and not self._declared
@@ -278,7 +278,7 @@ class GantryArm:
         with suppress(DeviceError):
             self.stop()
         self._idle.wait(_LAST_REST_S)
-        self._wire.close()
+        self._wire.session.close()
         with self._lock:
             self._homed = False
 
@@ -359,7 +359,7 @@ class GantryArm:
         return self._come_to_rest()
 
     def _come_to_rest(self) -> bool:
-        known = not self._wire.is_lost and self._wire.settle_halt()
+        known = not self._wire.session.is_lost and self._wire.settle_halt()
         if not known:
             self._lose_home("it was stopped in a way that may lose steps")
         return known

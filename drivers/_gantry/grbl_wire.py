@@ -32,7 +32,6 @@ from mvp.errors import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from contextlib import AbstractContextManager
 
     from drivers._gantry.config import GantryConfig
     from mvp.devices import Ask, DeviceContext
@@ -78,7 +77,7 @@ class GrblWire:
         self._refused = False
         self._ended: DeviceError | None = None
         self._expects_banner = False
-        self._session = Session(
+        self.session = Session(
             context.transports(config, name),
             LineFramer(),
             clock=context.clock,
@@ -88,16 +87,6 @@ class GrblWire:
             strip_echo=config.strip_echo,
             dump_folder=context.dump_folder,
         )
-
-    @property
-    def address(self) -> str:
-        """Where the link leads."""
-        return self._session.address
-
-    @property
-    def is_lost(self) -> bool:
-        """Whether the link has broken."""
-        return self._session.is_lost
 
     @property
     def alarm(self) -> DeviceFault | None:
@@ -116,10 +105,10 @@ class GrblWire:
         self._doing = ""
         self._came.forget()
         self._expects_banner = True
-        self._session.open()
+        self.session.open()
         try:
             self._greet()
-            lines = self._session.request_until(
+            lines = self.session.request_until(
                 b"$I\n",
                 listing("[VER", self._name),
                 timeout_s=min(self._config.answer_s, _GREETING_S),
@@ -141,16 +130,12 @@ class GrblWire:
 
     def _greet(self) -> None:
         """Boards that restart when the port opens say so; others answer at once."""
-        self._came.next_sign(lambda: self._session.send(_QUERY), _GREETING_S)
+        self._came.next_sign(lambda: self.session.send(_QUERY), _GREETING_S)
 
     def _check_settings(self) -> None:
         accept, limit_s = listing("$", self._name), self._config.answer_s
-        lines = self._session.request_until(b"$$\n", accept, timeout_s=limit_s, tries=3)
+        lines = self.session.request_until(b"$$\n", accept, timeout_s=limit_s, tries=3)
         refuse_inches(lines, self._name)
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._session.close()
 
     def report(self) -> Report:
         """Where it is now; asked past whatever waits for its answer.
@@ -160,8 +145,8 @@ class GrblWire:
             DeviceTimeout, LinkLost, ConnectError: no report.
         """
         report = self._came.next_report(
-            lambda: self._session.send(_QUERY),
-            lambda: self._session.is_lost,
+            lambda: self.session.send(_QUERY),
+            lambda: self.session.is_lost,
             self._config.answer_s,
         )
         if report is not None:
@@ -200,11 +185,11 @@ class GrblWire:
     def halt(self) -> None:
         """Feed hold, or a reset where a hold does nothing; one byte, from any thread."""
         if self._doing == "homing":
-            self._session.send(_RESET)
+            self.session.send(_RESET)
         else:
             hal = self._config.firmware == "grblhal"
-            self._session.send(_HAL_HOLD if hal else _HOLD)
-        self._session.abort(self._stopped(), in_step=False)
+            self.session.send(_HAL_HOLD if hal else _HOLD)
+        self.session.abort(self._stopped(), in_step=False)
 
     def settle_halt(self) -> bool:
         """Wait until it stands, then reset, which keeps the position."""
@@ -215,12 +200,8 @@ class GrblWire:
         last = self._came.last
         if last is not None and last.activity is Activity.HELD:
             self._reset()
-        self._session.fall_out_of_step()
+        self.session.fall_out_of_step()
         return self._alarm is None or not loses_home(self._alarm)
-
-    def dumping(self) -> AbstractContextManager[None]:
-        """Write the traffic down when a device error passes."""
-        return self._session.dumping()
 
     def reset_steps(self) -> list[tuple[str, Callable[[], str]]]:
         """A reset, when an alarm stands or it is held; nothing moves by it."""
@@ -265,7 +246,7 @@ class GrblWire:
     def _order(self, line: str, timeout_s: float | None = None) -> None:
         """Send a line and wait for its ``ok``."""
         try:
-            self._session.request(
+            self.session.request(
                 f"{line}\n".encode("ascii"),
                 lambda frame: self._is_ok(line, frame),
                 timeout_s=self._config.answer_s if timeout_s is None else timeout_s,
@@ -279,7 +260,7 @@ class GrblWire:
         """GrblHAL refuses every G-code after an error, until an empty line."""
         self._refused = False
         try:
-            self._session.request(
+            self.session.request(
                 b"\n", lambda f: self._is_ok("", f), timeout_s=self._config.answer_s
             )
         except DeviceError as error:
@@ -369,7 +350,7 @@ class GrblWire:
         """Byte 18, and wait for the banner."""
         self._expects_banner = True
         try:
-            return self._came.next_banner(lambda: self._session.send(_RESET), _BANNER_S)
+            return self._came.next_banner(lambda: self.session.send(_RESET), _BANNER_S)
         finally:
             self._expects_banner = False
 
@@ -388,6 +369,6 @@ class GrblWire:
                 hint="switch it off and on",
             )
         self._alarm = None
-        self._session.fall_out_of_step()
+        self.session.fall_out_of_step()
         self._on_home_lost("it was reset")
         return "the controller was reset; home it before anything else moves"

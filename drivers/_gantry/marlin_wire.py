@@ -26,7 +26,6 @@ from mvp.errors import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from contextlib import AbstractContextManager
 
     from drivers._gantry.config import GantryConfig
     from mvp.devices import Accept, Ask, DeviceContext
@@ -76,7 +75,7 @@ class MarlinWire:
         self._doing = ""
         self._halted = ""
         self._last: Report | None = None
-        self._session = Session(
+        self.session = Session(
             context.transports(config, name),
             LineFramer(),
             clock=context.clock,
@@ -87,16 +86,6 @@ class MarlinWire:
             dump_folder=context.dump_folder,
         )
 
-    @property
-    def address(self) -> str:
-        """Where the link leads."""
-        return self._session.address
-
-    @property
-    def is_lost(self) -> bool:
-        """Whether the link has broken."""
-        return self._session.is_lost
-
     def open(self) -> Identity:
         """Connect and ask who is there. Moves nothing.
 
@@ -104,9 +93,9 @@ class MarlinWire:
             ConnectError: nobody answers, or it is no Marlin.
         """
         self._halted = self._doing = ""
-        self._session.open()
+        self.session.open()
         try:
-            lines = self._session.request_until(
+            lines = self.session.request_until(
                 b"M115\n",
                 self._listing(),
                 timeout_s=min(self._config.answer_s, _GREETING_S),
@@ -139,10 +128,6 @@ class MarlinWire:
         called = re.search(r"UUID:\s*([0-9a-fA-F-]{36})", said)
         uuid = called[1].lower() if called else ""
         return Identity("marlin", found[1], "" if uuid == _NOBODY else uuid)
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._session.close()
 
     def report(self) -> Report:
         """The planned end of the queue when it stands; the last one while it moves.
@@ -215,22 +200,18 @@ class MarlinWire:
 
     def halt(self) -> None:
         """``M410``; at once where the board reads ahead, else when its turn comes."""
-        self._session.send(b"M410\n")
-        self._session.abort(self._stopped(), in_step=False)
+        self.session.send(b"M410\n")
+        self.session.abort(self._stopped(), in_step=False)
 
     def settle_halt(self) -> bool:
         """Wait for quiet; the position is doubtful after a quick stop."""
         self._doing = ""
-        self._session.fall_out_of_step()
+        self.session.fall_out_of_step()
         try:
             self._order("M400", _QUICK_STOP_S)
         except DeviceError as error:
             _LOG.warning("%s: %s", self._name, error.detail)
         return False
-
-    def dumping(self) -> AbstractContextManager[None]:
-        """Write the traffic down when a device error passes."""
-        return self._session.dumping()
 
     def reset_steps(self) -> list[tuple[str, Callable[[], str]]]:
         """A halted board wakes up only when it is switched off and on."""
@@ -276,7 +257,7 @@ class MarlinWire:
         for tries_left in reversed(range(_SENT_AGAIN + 1)):
             self._number += 1
             try:
-                return self._session.request(
+                return self.session.request(
                     self._framed(line),
                     lambda frame: self._is_ok(line, frame),
                     timeout_s=limit,
@@ -299,7 +280,7 @@ class MarlinWire:
         """Begin to count lines anew."""
         self._number = 0
         if self._config.number_lines:
-            self._session.request(
+            self.session.request(
                 numbered(0, "M110 N0"),
                 lambda frame: self._is_ok("M110", frame),
                 timeout_s=self._config.answer_s,
@@ -312,12 +293,12 @@ class MarlinWire:
         if said.startswith(("echo:busy", "busy")):
             return Take.PART  # a sign of life; the deadline stays
         if _RESEND.match(said):
-            self._session.fall_out_of_step()
+            self.session.fall_out_of_step()
             raise _Damaged(f"{line!r} arrived damaged", device=self._name)
         if said.startswith("Error:") and "Last Line" in said:
             return Take.PART
         if said.startswith("echo:Unknown command"):
-            self._session.fall_out_of_step()
+            self.session.fall_out_of_step()
             raise DeviceFault(
                 f"does not know {line!r}",
                 device=self._name,
@@ -383,7 +364,7 @@ class MarlinWire:
             )
 
     def _person_restarts(self) -> str:
-        self.close()
+        self.session.close()
         identity = self.open()
         return f"{identity.version} answers; home it before anything else moves"
 

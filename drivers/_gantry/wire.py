@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from contextlib import AbstractContextManager
 
+    from mvp.devices import Session
     from mvp.errors import DeviceFault
 
 
@@ -51,13 +51,8 @@ class GantryWire(Protocol):
     """One conversation with a firmware. Time-outs and lost links are errors."""
 
     @property
-    def address(self) -> str:
-        """Where the link leads."""
-        ...
-
-    @property
-    def is_lost(self) -> bool:
-        """Whether the link has broken."""
+    def session(self) -> Session:
+        """The conversation, to ask where it leads, to write it down and to close it."""
         ...
 
     @property
@@ -71,10 +66,6 @@ class GantryWire(Protocol):
         Raises:
             ConnectError: nobody, or another firmware.
         """
-        ...
-
-    def close(self) -> None:
-        """Disconnect."""
         ...
 
     def report(self) -> Report:
@@ -109,10 +100,6 @@ class GantryWire(Protocol):
 
     def settle_halt(self) -> bool:
         """End a stop that ``halt`` began; whether the position is still known."""
-        ...
-
-    def dumping(self) -> AbstractContextManager[None]:
-        """Write the traffic down when a device error passes."""
         ...
 
     def reset_steps(self) -> list[tuple[str, Callable[[], str]]]:

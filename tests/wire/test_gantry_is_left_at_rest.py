@@ -37,7 +37,7 @@ def _moves(bench: Any) -> bool:
 def test_an_exception_of_the_caller_stops_it(gantry_bench: Make, firmware: str) -> None:
     bench = gantry_bench(firmware)
     arm = bench.homed()
-    session = arm._wire._session  # noqa: SLF001 - where a foreign exception comes up
+    session = arm._wire.session  # noqa: SLF001 - where a foreign exception comes up
 
     def torn() -> None:
         wait_until(lambda: _moves(bench), "it moves")
