@@ -35,7 +35,8 @@ JSON = st.recursive(
 
 def takes_anything(line: bytes) -> None:
     with contextlib.suppress(Unreadable):
-        decode(line)
+        found = decode(line)
+        assert decode(encode(found)).keys() == found.keys()
 
 
 def takes_any_status(good: Status, name: str, value: object) -> None:

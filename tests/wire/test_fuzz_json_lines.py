@@ -48,6 +48,9 @@ def is_answered(verbs: dict, line: bytes) -> None:
     said = json.loads(answer(line, verbs))
     assert said["ok"] in (True, False)
     assert said["ok"] or said["message"]
+    after = json.loads(answer(b'{"do": "state"}', verbs))
+    assert after["ok"]
+    assert after["moves_begun"] == 0, "no verb moves a motor by its own power"
 
 
 @settings(deadline=None)

@@ -6,7 +6,7 @@ import json
 import socket
 import sys
 import threading
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import pytest
@@ -27,13 +27,16 @@ if TYPE_CHECKING:
 HOST = "127.0.78.78"
 CLOCK = RealClock()
 QUICK_S = 0.02
+PATIENT_S = 10.0
+GOOD_VERSION = bytes.fromhex("00045601" + "001376" + "000000050000000c0000000000000007")
 
 
 class Talker:
-    """Says what it is told to whoever connects, and hangs up."""
+    """Says what it is told to whoever connects, and hangs up, unless it is patient."""
 
     def __init__(self, port: int) -> None:
         self.words = b""
+        self.patient = False
         self._server = socket.create_server((HOST, port))
         self._server.settimeout(0.1)
         self._ended = threading.Event()
@@ -46,6 +49,16 @@ class Talker:
                 peer, _ = self._server.accept()
                 with peer:
                     peer.sendall(self.words)
+                    peer.settimeout(PATIENT_S)
+                    while self.patient and peer.recv(4096):
+                        pass
+
+    @contextmanager
+    def saying(self, words: bytes) -> Iterator[None]:
+        """As a sound far end: it says this, and the other one hangs up."""
+        self.words, self.patient = words, True
+        yield
+        self.patient = False
 
     def end(self) -> None:
         self._ended.set()
@@ -88,6 +101,11 @@ def asked(talker: Talker, words: bytes) -> None:
         assert isinstance(board.value("robotmode"), str)
     with suppress(DeviceError):
         assert board.end_program() in (True, False)
+    with (
+        talker.saying(GREETING + b"Robotmode: RUNNING\n"),
+        Dashboard(HOST, name="arm", clock=CLOCK, timeout_s=PATIENT_S) as board,
+    ):
+        assert board.value("robotmode") == "RUNNING", "nothing of the noise is left"
 
 
 def version_asked(talker: Talker, words: bytes) -> None:
@@ -95,6 +113,9 @@ def version_asked(talker: Talker, words: bytes) -> None:
     with suppress(DeviceError):
         found = ask_version(HOST, name="arm", clock=CLOCK, timeout_s=QUICK_S)
         assert len(found) == 4
+    with talker.saying(GOOD_VERSION):
+        found = ask_version(HOST, name="arm", clock=CLOCK, timeout_s=PATIENT_S)
+    assert found == (5, 12, 0, 7)
 
 
 @settings(max_examples=40, deadline=None)

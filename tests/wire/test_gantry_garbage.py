@@ -39,7 +39,8 @@ _LINES = st.lists(
 
 
 def _read(lines: list[bytes]) -> None:
-    frames = LineFramer().feed(b"\n".join([*lines, b""]))
+    framer = LineFramer()
+    frames = framer.feed(b"\n".join([*lines, b""]))
     reader, accept = ReportReader("XYZAB"), listing("$", "arm")
     for frame in frames:
         report = reader.read(text(frame).strip())
@@ -52,6 +53,11 @@ def _read(lines: list[bytes]) -> None:
     ):
         with suppress(MvpCellError):
             understand()
+    good = b"<Run|MPos:1.000,2.000,3.000,4.000,5.000>"
+    assert framer.feed(b"\n" + good + b"\n")[-1] == good
+    report = reader.read(text(good))
+    assert report is not None
+    assert report.activity is Activity.MOVES
 
 
 @given(_LINES)

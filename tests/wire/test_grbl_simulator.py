@@ -387,10 +387,23 @@ def test_a_rapid_move_of_one_axis_moves_only_that_one() -> None:
 
 
 def _nonsense(profile: str, chunks: list[bytes]) -> None:
+    """Whatever was said: it obeys its rules on the way, and a reset has it back."""
     board = Bench(profile)
+    axes = board.machine.motion.axes
+    before, said = axes.truth, b""
     for chunk in chunks:
-        board.say(chunk)
-        board.wait(0.02)
+        said += board.say(chunk) + board.wait(0.02)
+    if b"$" not in b"".join(chunks):  # locked until it is homed or unlocked
+        assert (axes.truth == before).all()
+    lines = sum(chunk.count(b"\n") + chunk.count(b"\r") for chunk in chunks)
+    assert said.count(b"ok\r\n") + said.count(b"error:") <= lines
+    board.say(b"\x18")
+    board.wait(3.0)
+    stands = axes.truth
+    assert board.say(b"?").startswith(b"<")
+    assert b"[VER:" in board.say(b"$I\n")
+    board.wait(0.5)
+    assert (axes.truth == stands).all(), "a reset ends every motion"
 
 
 @given(_PROFILES, _CHUNKS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import pytest
 from hypothesis import given, settings
@@ -14,6 +14,7 @@ from drivers.simulators.visca import ViscaConfig, ViscaMachine
 
 if TYPE_CHECKING:
     from drivers.simulators.host import Machine
+    from drivers.simulators.lens_machine import LensMachine
 
 
 class Bench:
@@ -245,28 +246,58 @@ class TestVisca:
         assert lens.machine.places()["zoom"] < 0x4000
 
 
-def _nonsense(lens: Bench, chunks: list[bytes]) -> None:
+_CHUNKS = st.lists(st.binary(max_size=40), max_size=12)
+
+
+def _nonsense(lens: Bench, chunks: list[bytes], *, moving: bytes) -> dict[str, float]:
+    """Say it, and wait for the end of whatever it began; where the motors are then.
+
+    Args:
+        lens: a machine that has just been switched on.
+        chunks: what is said.
+        moving: bytes without which no command moves a motor.
+    """
+    machine = cast("LensMachine", lens.machine)
+    before = machine.places()
     for chunk in chunks:
         lens.say(chunk)
         lens.wait(0.01)
-
-
-_CHUNKS = st.lists(st.binary(max_size=40), max_size=12)
+    if not set(b"".join(chunks).upper()) & set(moving):
+        assert machine.places() == before
+    machine.power_up(lens.now_s)
+    lens.wait(5.0)
+    for axis, motor in machine.axes.items():
+        assert motor.travel.low <= machine.places()[axis] <= motor.travel.high
+    return machine.places()
 
 
 @given(_CHUNKS)
 @settings(max_examples=100, deadline=None)
 def test_nonsense_does_not_upset_an_scf4(chunks: list[bytes]) -> None:
-    _nonsense(Bench(Scf4Machine(Scf4Config())), chunks)
+    lens = Bench(Scf4Machine(Scf4Config()))
+    stands = _nonsense(lens, chunks, moving=b"G")
+    assert lens.say(b"$S\n").startswith(b"EVB.1.0.2")
+    assert lens.say(b"!1\n").count(b",") == 8
+    lens.wait(0.2)
+    assert cast("LensMachine", lens.machine).places() == stands
 
 
 @given(_CHUNKS)
 @settings(max_examples=100, deadline=None)
 def test_nonsense_does_not_upset_a_theia(chunks: list[bytes]) -> None:
-    _nonsense(Bench(TheiaMachine(TheiaConfig())), chunks)
+    lens = Bench(TheiaMachine(TheiaConfig()))
+    stands = _nonsense(lens, chunks, moving=b"\x62\x66\x73BFS")
+    assert lens.say(b"\x76\x0d").startswith(b"\x76\x05")
+    lens.wait(0.2)
+    assert cast("LensMachine", lens.machine).places() == stands
 
 
 @given(_CHUNKS)
 @settings(max_examples=100, deadline=None)
 def test_nonsense_does_not_upset_a_visca_camera(chunks: list[bytes]) -> None:
-    _nonsense(Bench(ViscaMachine(ViscaConfig())), chunks)
+    lens = Bench(ViscaMachine(ViscaConfig()))
+    stands = _nonsense(lens, chunks, moving=b"\x04\xff")
+    asked = lens.say(bytes.fromhex("81090002ff"))
+    assert asked.startswith(bytes.fromhex("90500020"))
+    lens.wait(0.2)
+    assert cast("LensMachine", lens.machine).places() == stands

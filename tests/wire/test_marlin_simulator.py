@@ -181,10 +181,23 @@ _CHUNKS = st.lists(
 
 
 def _nonsense(chunks: list[bytes]) -> None:
+    """Whatever was said: only G moves it, and switched off and on it is as new."""
     board = Bench()
+    axes = board.machine.axes
+    before = axes.truth
     for chunk in chunks:
         board.say(chunk)
         board.wait(0.02)
+    if b"G" not in b"".join(chunks).upper():
+        assert (axes.truth == before).all()
+    board.machine.power_up(board.now_s)
+    board.wait(10.0)
+    stands = axes.truth
+    said = board.say(b"M115\n")
+    assert said.startswith(b"FIRMWARE_NAME:Marlin")
+    assert said.endswith(b"ok\n")
+    board.wait(0.5)
+    assert (axes.truth == stands).all()
 
 
 @given(_CHUNKS)

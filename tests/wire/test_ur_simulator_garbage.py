@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from drivers.simulators.control import answer
 from drivers.simulators.ur.dashboard import Dashboard
 from drivers.simulators.ur.faults import verbs
-from drivers.simulators.ur.robot import Robot, RobotSettings
+from drivers.simulators.ur.robot import Robot, RobotSettings, RuntimeState
 from drivers.simulators.ur.script import ScriptReader
 from drivers.simulators.ur.server import Controller
 from drivers.simulators.ur.sessions import Disturbance, Line, RtdeSession, Session
@@ -66,10 +66,27 @@ def packages(draw: st.DrawFn) -> bytes:
     return struct.pack(">HB", len(body) + 3, kind) + body
 
 
-def _talk(data: list[bytes]) -> None:
+def _running() -> Robot:
+    """A robot with the control program, as a client has left it."""
     robot = Robot(RobotSettings())
     for program in ScriptReader().feed(b"def rtde_control():\nend\n"):
         robot.upload(program)
+    return robot
+
+
+def _as_new(robot: Robot) -> None:
+    """Powered, safe, and a program that is sent now runs."""
+    assert robot.safety.may_run
+    for program in ScriptReader().feed(b"def rtde_control():\nend\n"):
+        robot.upload(program)
+    for _ in range(60):
+        robot.tick()
+    assert robot.state == RuntimeState.PLAYING
+
+
+def _talk(data: list[bytes]) -> None:
+    robot = _running()
+    before = robot.arm.joints.tolist()
     session, wire = _session(robot)
     for chunk in data:
         if not wire.closed:
@@ -80,6 +97,10 @@ def _talk(data: list[bytes]) -> None:
     fresh, answers = _session(robot)
     fresh.data_received(b"\x00\x03v")
     assert answers.sent[:3] == b"\x00\x13v"
+    if not any(chunk[2:3] == b"U" for chunk in data):  # only those carry commands
+        assert robot.arm.joints.tolist() == before
+        assert robot.arm.begun == 0
+    _as_new(robot)
 
 
 @given(st.lists(packages(), max_size=8))
@@ -105,9 +126,7 @@ def test_many_rtde_clients_cannot_break_it(data: list[bytes]) -> None:
 def test_commands_with_any_numbers_end_the_program_at_most(
     command: int, values: list[float], flag: int
 ) -> None:
-    robot = Robot(RobotSettings())
-    for program in ScriptReader().feed(b"def rtde_control():\nend\n"):
-        robot.upload(program)
+    robot = _running()
     for _ in range(30):
         robot.tick()
     robot.registers.in_double[:18] = values
@@ -132,9 +151,13 @@ def test_scripts_of_any_words_end_by_themselves(words: list[str], head: str) -> 
 @given(st.lists(WORDS, max_size=6))
 @settings(deadline=None)
 def test_the_dashboard_answers_anything_with_one_line(words: list[str]) -> None:
-    said = Dashboard(Robot(RobotSettings())).reply(" ".join(words).replace("\n", ""))
+    robot = Robot(RobotSettings())
+    board = Dashboard(robot)
+    said = board.reply(" ".join(words).replace("\n", ""))
     assert said
     assert "\n" not in said
+    assert board.reply("robotmode").startswith("Robotmode: ")
+    assert robot.arm.begun == 0
 
 
 def test_muted_types_are_not_sent_and_the_rest_is() -> None:
