@@ -1,8 +1,9 @@
 """From a picture of the part to what counts for its pose, and to the session and back.
 
 The drawing is laid where the part is believed to be, the lines are measured, a pose is
-found from them, and the drawing is laid there: two or three times, until nothing moves.
-Lines that do not fit the rest are left out; they were taken for others.
+found from them, and the drawing is laid there: some times, until nothing moves. At first
+every line that was found leads on; in the end only those count that lie where the others
+put them. Lines that do not fit the rest are left out; they were taken for others.
 """
 
 from __future__ import annotations
@@ -32,8 +33,7 @@ FEWEST_FEATURES = 5
 _ROUNDS = 4
 _SETTLED_MM, _SETTLED_RAD = 0.05, 1e-4
 _OUTLYING_SIGMA = 5.0
-_MOST_LEFT_OUT = 0.34
-_LEAST_FOUND = 0.3
+_MOST_LEFT_OUT = 0.4
 _UNSETTLED = (
     "arm or lens moved while the picture was taken",
     "wait longer before the picture: [settle] in the cell file",
@@ -136,10 +136,13 @@ def look(
     there, found = camera_from_part, Look(None, None, "nothing was measured")
     for _ in range(_ROUNDS):
         seen = sights.measure(shot, there)
-        found = _fitted(seen, camera, there)
-        if found.resection is None:
+        found = _fitted(seen, camera, there, seen.agrees)
+        leading = found
+        if found.resection is None and not seen.reason:
+            leading = _fitted(seen, camera, there, np.ones_like(seen.agrees))
+        if leading.resection is None:
             return found
-        before, there = there, found.resection.best.camera_from_part
+        before, there = there, leading.resection.best.camera_from_part
         moved = float(np.linalg.norm(there.translation_mm - before.translation_mm))
         if moved < _SETTLED_MM and there.angle_to_rad(before) < _SETTLED_RAD:
             break
@@ -151,18 +154,21 @@ def sight_of(sample: Sample) -> StoredSight:
     return StoredSight.model_validate(sample.extra["sight"])
 
 
-def _fitted(seen: SeenPart, camera: PinholeCamera, near: Pose) -> Look:
+def _fitted(
+    seen: SeenPart, camera: PinholeCamera, near: Pose, counting: BoolArray
+) -> Look:
+    """A pose from the counting (e,) edges and all rims, without what does not fit."""
     if seen.reason:
         return Look(None, None, seen.reason)
-    everything = _stored(seen, np.ones(len(seen.edge_names), np.bool_), ())
-    if everything.count < FEWEST_FEATURES or seen.found < _LEAST_FOUND:
+    everything = _stored(seen, counting, ())
+    if everything.count < FEWEST_FEATURES:
         return Look(
             everything,
             None,
             f"only {everything.count} lines and holes of the part were found "
             f"({seen.found:.0%} of the expected length)",
         )
-    kept, left_out = np.ones(len(seen.edge_names), np.bool_), []
+    kept, left_out = counting.copy(), []
     while True:
         stored = _stored(seen, kept, tuple(left_out))
         try:
@@ -172,7 +178,7 @@ def _fitted(seen: SeenPart, camera: PinholeCamera, near: Pose) -> Look:
         worst = _worst_edge(stored, resection)
         if worst is None:
             return Look(stored, resection)
-        if len(left_out) + 1 > _MOST_LEFT_OUT * len(kept):
+        if len(left_out) + 1 > _MOST_LEFT_OUT * counting.sum():
             return Look(stored, None, "the lines that were found do not fit the part")
         left_out.append(stored.edge_names[worst])
         kept[np.flatnonzero(kept)[worst]] = False

@@ -136,7 +136,7 @@ def calibrate(
         tell("connecting to arm, lens and camera")
         infos = stack.enter_context(opened(devices))
         check_simulated(setting.cell, infos)
-        _check_reliance(setting.cell, infos, request.key)
+        check_reliance(setting.cell, infos, request.key)
         fresh = facts_of(
             setting.cell, devices, infos, key=request.key, seed=request.seed
         )
@@ -147,7 +147,7 @@ def calibrate(
             _resumable(setting.cell, store, request.key),
             stopped_on_error(devices, bench.under_way, tell),
         ):
-            _allow_and_home(setting, bench, infos, front, request.key)
+            allow_and_home(setting, bench, infos, front, request.key)
             outcome = drive(wizard, bench, store, request.options, front)
     with uninterrupted():
         return _finished(setting, wizard, store, outcome)
@@ -252,7 +252,7 @@ def _check_key(store: Store, key: str) -> None:
         )
 
 
-def _check_reliance(cell: LoadedCell, infos: dict[str, DeviceInfo], key: str) -> None:
+def check_reliance(cell: LoadedCell, infos: dict[str, DeviceInfo], key: str) -> None:
     """Refuse to build on a calibration that is poor, or of another device.
 
     Raises:
@@ -264,7 +264,7 @@ def _check_reliance(cell: LoadedCell, infos: dict[str, DeviceInfo], key: str) ->
     require_accepted([one for one in objections if one.name in needed], "")
 
 
-def _allow_and_home(
+def allow_and_home(
     setting: Setting,
     bench: CellBench,
     infos: dict[str, DeviceInfo],

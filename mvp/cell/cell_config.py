@@ -180,6 +180,17 @@ class TargetConfig(TargetPrint):
     angle_sigma_deg: Positive = 2.0
 
 
+class PartPlacement(FileModel):
+    """How far a part may lie from where ``part_pose`` says; ``run --locate`` finds it.
+
+    Clear ways and views are sought for the expected place first; a part that lies
+    farther off was put down wrongly, or is another one.
+    """
+
+    within_mm: Positive = 10.0
+    within_deg: Positive = 5.0
+
+
 class ConditionsConfig(FileModel):
     """What surrounds the cell, as far as no device tells."""
 
@@ -259,6 +270,7 @@ class CellConfig(FileModel):
     calibration: CalibrationFiles
     optics: OpticsConfig
     uncertainty: UncertaintyConfig = Field(default_factory=UncertaintyConfig)
+    part_placement: PartPlacement = Field(default_factory=PartPlacement)
     conditions: ConditionsConfig = Field(default_factory=ConditionsConfig)
     target: TargetConfig | None = Field(
         default=None, description="what `mvp-cell calibrate` looks at"

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 # Of a part that was put down by hand; it decides how much of a picture is believed.
 _PUT_DOWN = ViewTolerance(position_mm=5.0, angle_deg=2.0, d_mm=0.05)
-_EDGES = 40
+_EDGES = 24
 
 
 @dataclass(eq=False)
@@ -107,6 +107,7 @@ def _in_part(found: PartLines, part_from_camera: Pose) -> SeenPart:
         edge=found.edge,
         edge_sigma_px=found.sigma_px,
         edge_names=found.names,
+        agrees=found.agrees,
         centres_part_mm=placed(found.centres_mm),
         normals_part=np.asarray(found.axes @ part_from_camera.rotation.T),
         radii_mm=found.radii_mm,

@@ -21,8 +21,6 @@ from mvp.planning.rows import RowTable
 from mvp.wizard import SightView
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from mvp.cell.plan_job import Planned
     from mvp.cell.realise_view import RealisedView
     from mvp.geometry import FloatArray
@@ -30,8 +28,9 @@ if TYPE_CHECKING:
     from mvp.planning.plan import PlannedView
 
 MOST_VIEWS = 5
-_TILTS_DEG = (15.0, 25.0, 35.0)
+_TILTS_DEG = (12.0, 20.0, 30.0, 40.0)
 _SIDES = 12
+_ROLLS_DEG = (0, 90, 180, 270)
 _SIGMA_PX = 0.2
 # What is known of the part beforehand: it decides only what the pictures leave open.
 _PRIOR_MM, _PRIOR_DEG = 5.0, 3.0
@@ -123,7 +122,7 @@ def _around(
 def _circled(
     name: str, pose: Pose, centre_mm: FloatArray
 ) -> tuple[list[str], list[Pose]]:
-    """The view turned about the features, by some angles to all sides."""
+    """The view turned about the features to all sides; some rolls suit the arm better."""
     names, poses = [], []
     for tilt in _TILTS_DEG:
         for side in range(_SIDES):
@@ -131,8 +130,13 @@ def _circled(
             axis = pose.rotation @ np.array([np.cos(angle), np.sin(angle), 0.0])
             turn = Rotation.from_rotvec(np.radians(tilt) * axis).as_matrix()
             place = centre_mm + turn @ (pose.translation_mm - centre_mm)
-            names.append(f"{name} from {tilt:.0f} deg aside at {360 * side // _SIDES}")
-            poses.append(Pose("part", "camera", turn @ pose.rotation, place))
+            for roll in _ROLLS_DEG:
+                rolled = Rotation.from_euler("z", roll, degrees=True).as_matrix()
+                words = f"{name}, {tilt:.0f} deg aside at {360 * side // _SIDES} deg"
+                names.append(f"{words}, rolled by {roll} deg" if roll else words)
+                poses.append(
+                    Pose("part", "camera", turn @ pose.rotation @ rolled, place)
+                )
     return names, poses
 
 
@@ -182,8 +186,3 @@ def _prior() -> FloatArray:
 
 def _floor() -> FloatArray:
     return np.diag([_FLOOR_MM**2] * 3 + [np.radians(_FLOOR_DEG) ** 2] * 3)
-
-
-def names_of(views: Sequence[SightView]) -> str:
-    """For a message."""
-    return ", ".join(view.name for view in views)

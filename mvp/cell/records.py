@@ -70,6 +70,28 @@ class RunStarted(_Record):
     cell_file: str = ""
 
 
+class PartLocated(_Record):
+    """Where the part was found before the run's plan was made.
+
+    ``moved_*``: from where it was expected; ``within_*``: how far it was allowed to be.
+    ``lines``: the result in words. ``session_sha256``: over everything that it rests
+    on, in the folder ``locating`` of the run.
+    """
+
+    type: Literal["part_located"] = "part_located"
+    base_from_part: list[list[float]]
+    expected_base_from_part: list[list[float]]
+    moved_mm: float
+    moved_deg: float
+    within_mm: float
+    within_deg: float
+    error_95_mm: float | None
+    verdict: str
+    pictures: int
+    lines: list[str]
+    session_sha256: str
+
+
 class ViewStarted(_Record):
     """A view is about to be driven to."""
 
@@ -153,7 +175,14 @@ class RunFinished(_Record):
 
 
 Record: TypeAlias = Annotated[
-    RunStarted | ViewStarted | Captured | Verified | ViewSkipped | Fault | RunFinished,
+    RunStarted
+    | PartLocated
+    | ViewStarted
+    | Captured
+    | Verified
+    | ViewSkipped
+    | Fault
+    | RunFinished,
     Field(discriminator="type"),
 ]
 _RECORD: TypeAdapter[Record] = TypeAdapter(Record)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from mvp.cell.durable import check_writable
 from mvp.cell.in_use import refuse_in_use, using_devices
 from mvp.cell.loading import load_task
+from mvp.cell.locate_job import with_found_pose
 from mvp.cell.places import as_found
 from mvp.cell.plan_job import Setting, prepare
 from mvp.cell.records import (
@@ -64,7 +65,8 @@ def resume_run(
     plan = folder.read_plan()
     task_file = as_found(plan.task.file, cell.source.path.parent)
     task = load_task(cell, str(task_file))
-    setting = prepare(cell, task)
+    setting = prepare(cell, with_found_pose(folder, task))
+    expected = prepare(cell, task) if setting.task is not task else setting
     with ExitStack() as stack:
         stack.enter_context(folder.in_progress())
         stack.enter_context(using_devices(cell, who=folder.run_id))
@@ -80,7 +82,7 @@ def resume_run(
         if not left:
             return _finish(setting, folder, journal, plan, records)
         check_writable(folder.path, needed_bytes=needed_bytes(setting, len(left)))
-        session = Session.open(stack, setting, left, watcher)
+        session = Session.open(stack, setting, left, watcher, expected)
         journal.write(_again(first, session))
         write_document(setting, folder, plan, {})
         _verify_rest(setting, folder, journal, plan, records)

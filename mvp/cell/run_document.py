@@ -11,6 +11,7 @@ from mvp.cell.records import (
     DeviceRecord,
     Fault,
     InputHashes,
+    PartLocated,
     Reached,
     RunFinished,
     RunStarted,
@@ -65,11 +66,22 @@ class ViewDocument(FileModel):
     verification: VerificationDocument | None = None
 
 
+class LocatedDocument(FileModel):
+    """Where the part was found before the plan was made, and how far off that was."""
+
+    base_from_part: list[list[float]]
+    moved_mm: float
+    moved_deg: float
+    error_95_mm: float | None
+    verdict: str
+    lines: list[str]
+
+
 class RunDocument(FileModel):
     """The whole run. ``folder`` and ``run_id`` are None when nothing was kept.
 
     ``may_still_move`` is what was under way as the run ended early, ``stands`` what was
-    seen to stand a moment later.
+    seen to stand a moment later. ``located``: of a run that looked for the part first.
     """
 
     schema_: Literal["mvp-cell/run/1"] = Field(default=RUN_SCHEMA, alias="schema")
@@ -89,6 +101,7 @@ class RunDocument(FileModel):
     inputs: InputHashes | None = None
     devices: list[DeviceRecord] = Field(default_factory=list)
     accepted_calibration: dict[str, str] = Field(default_factory=dict)
+    located: LocatedDocument | None = None
     fault: str | None = None
     may_still_move: str | None = None
     stands: str | None = None
@@ -131,6 +144,17 @@ def _captured_view(
     )
 
 
+def _located(record: PartLocated) -> LocatedDocument:
+    return LocatedDocument(
+        base_from_part=record.base_from_part,
+        moved_mm=record.moved_mm,
+        moved_deg=record.moved_deg,
+        error_95_mm=record.error_95_mm,
+        verdict=record.verdict,
+        lines=record.lines,
+    )
+
+
 def run_document(
     plan: Plan,
     records: Sequence[Record],
@@ -153,6 +177,7 @@ def run_document(
     views = view_documents(plan, records)
     starts = [r for r in records if isinstance(r, RunStarted)]
     end = records[-1] if isinstance(records[-1], RunFinished) else None
+    located = next((r for r in records if isinstance(r, PartLocated)), None)
     last_start = max(i for i, r in enumerate(records) if isinstance(r, RunStarted))
     faults = [r for r in records[last_start:] if isinstance(r, Fault)]
     return RunDocument(
@@ -170,6 +195,7 @@ def run_document(
         views=views,
         not_covered=plan.not_covered,
         inputs=starts[0].inputs,
+        located=None if located is None else _located(located),
         devices=starts[-1].devices,
         accepted_calibration=starts[-1].accepted_calibration,
         fault=faults[-1].message if faults else None,

@@ -68,6 +68,16 @@ class RunFolder:
         return self.path / "images"
 
     @property
+    def locating(self) -> Path:
+        """Session in which the part was found, where the run looked for it first."""
+        return self.path / "locating"
+
+    @property
+    def part_pose_file(self) -> Path:
+        """Where the part was found."""
+        return self.path / "part_pose.json"
+
+    @property
     def figures(self) -> Path:
         """Drawings for the report."""
         return self.path / "figures"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import re
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -40,6 +40,7 @@ from mvp.cell.session import (
 from mvp.errors import InfeasibleError
 
 if TYPE_CHECKING:
+    from mvp.cell.locate_job import LocatedPart
     from mvp.cell.plan_job import Setting
     from mvp.planning.plan import Plan
 
@@ -138,9 +139,21 @@ def dry_run(setting: Setting, plan: Plan, tell: Tell = unheard) -> RunDocument:
 
 
 def start_run(
-    setting: Setting, plan: Plan, options: RunOptions, watcher: Watcher
+    setting: Setting,
+    plan: Plan,
+    options: RunOptions,
+    watcher: Watcher,
+    located: LocatedPart | None = None,
 ) -> RunResult:
     """Take every view of a plan.
+
+    Args:
+        setting: what the plan was made from.
+        plan: to be run.
+        options: how.
+        watcher: the person's side.
+        located: the part, and the folder in which it was found; a new folder is made
+            when left out.
 
     Raises:
         InfeasibleError: the plan should not be driven, or there is no clear path.
@@ -150,14 +163,17 @@ def start_run(
     """
     require_runnable(setting, plan, partial=options.partial)
     check_writable(options.out, needed_bytes=needed_bytes(setting, len(plan.views)))
-    name = _run_name(setting, options.part_id)
+    name = located.folder.run_id if located else run_name(setting, options.part_id)
     with ExitStack() as stack:
         stack.enter_context(using_devices(setting.cell, who=name))
-        session = Session.open(stack, setting, plan.views, watcher)
+        expected = located.expected if located else None
+        session = Session.open(stack, setting, plan.views, watcher, expected)
         with parent_dropped_on_error(options.out):
-            folder = create_run_folder(options.out, name)
-            with folder.dropped_on_error():
+            folder = located.folder if located else create_run_folder(options.out, name)
+            with nullcontext() if located else folder.dropped_on_error():
                 journal = _begin(session, folder, plan, options.part_id)
+        if located is not None:
+            journal.write(located.record)
         stack.enter_context(folder.in_progress())
         return session.drive(folder, journal, plan, plan.views, step=options.step)
 
@@ -202,7 +218,8 @@ def needed_bytes(setting: Setting, views: int) -> int:
     return views * picture + _RUN_OVERHEAD_BYTES
 
 
-def _run_name(setting: Setting, part_id: str) -> str:
+def run_name(setting: Setting, part_id: str) -> str:
+    """Date and time, task and specimen."""
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     parts = [stamp, setting.task.config.name, part_id]
     return "-".join(_slug(part) for part in parts if part)

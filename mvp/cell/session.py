@@ -195,15 +195,24 @@ class Session:
         setting: Setting,
         views: Sequence[PlannedView],
         watcher: Watcher,
+        expected: Setting | None = None,
     ) -> Session:
         """Open the devices, check everything, ask the person, home the arm if need be.
+
+        Args:
+            stack: closes what was opened.
+            setting: what the views were planned for.
+            views: to be taken.
+            watcher: the person's side.
+            expected: the cell before its part was found elsewhere. A simulated world
+                is built from that: finding the part does not move it.
 
         Raises:
             MvpCellError: something does not hold; nothing has moved but, when the way
                 from its references is not clear, the arm to those.
         """
         tell = watcher.on_phase
-        devices = stack.enter_context(devices_for(setting, tell))
+        devices = stack.enter_context(devices_for(expected or setting, tell))
         tell("connecting to arm, lens and camera")
         infos = stack.enter_context(opened(devices))
         routes = Routes(setting.arm)

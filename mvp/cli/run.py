@@ -35,6 +35,10 @@ def run(
     partial: Annotated[
         bool, typer.Option("--partial", help="run what can be covered")
     ] = False,
+    locate: Annotated[
+        bool,
+        typer.Option("--locate", help="find the part from its own features first"),
+    ] = False,
     part_id: Annotated[
         str, typer.Option("--part-id", metavar="ID", help="name of this specimen")
     ] = "",
@@ -53,6 +57,8 @@ def run(
     from mvp.cell.run_job import RunOptions
     from mvp.cli import run_flow
 
+    if locate:
+        _refuse_without_motion(dry=dry, resume=resume)
     loaded = load_cell(cell, accept_calibration=accept_calibration)
     check_driver_configs(loaded)
     options = RunOptions(out=out, part_id=part_id, step=step, partial=partial)
@@ -61,7 +67,24 @@ def run(
         return _finished(cell, flow.resume(resume), as_json)
     if dry:
         return flow.dry_run(as_json)
-    return _finished(cell, flow.start(), as_json)
+    result = flow.locate_and_start() if locate else flow.start()
+    return _finished(cell, result, as_json)
+
+
+def _refuse_without_motion(*, dry: bool, resume: str | None) -> None:
+    """The part is looked for by moving, and once for a run."""
+    from mvp.errors import UsageError
+
+    if dry:
+        raise UsageError(
+            "--locate moves the arm, and --dry-run moves nothing",
+            hint="leave out one of them",
+        )
+    if resume is not None:
+        raise UsageError(
+            "a resumed run goes on with the part where it was found",
+            hint="leave out --locate, or start a new run",
+        )
 
 
 def _finished(cell: str, result: RunResult, as_json: bool) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from mvp.cell.durable import check_writable
 from mvp.cell.in_use import refuse_in_use
 from mvp.cell.loading import LoadedCell, load_task
+from mvp.cell.locate_job import locate_first, noted
 from mvp.cell.plan_job import Setting, make_plan
 from mvp.cell.report_hook import write_report_if_possible
 from mvp.cell.resume_command import resume_command
@@ -27,6 +28,7 @@ from mvp.cli.output import (
 )
 from mvp.cli.progress import phase, stages
 from mvp.cli.tables import print_plan, print_run
+from mvp.cli.wizard_view import TerminalView
 from mvp.errors import MvpCellError, OutputError, StoppedByOperator, UsageError
 
 if TYPE_CHECKING:
@@ -60,6 +62,29 @@ class RunFlow:
         check_writable(self.options.out, needed_bytes=_SMALL_RUN_BYTES)
         setting, plan = self._planned()
         result = start_run(setting, plan, self.options, self._watcher())
+        return self._reported(result)
+
+    def locate_and_start(self) -> RunResult:
+        """Find the part from its own features, plan for where it lies, and run."""
+        self._refuse_step_without_terminal()
+        refuse_in_use(self.cell)
+        check_writable(self.options.out, needed_bytes=_SMALL_RUN_BYTES)
+        view = TerminalView(
+            simulated=self.cell.config.simulated, auto=True, yes=self.yes
+        )
+        with stages() as tell:
+            task = load_task(self.cell, self.task)
+            planned = make_plan(self.cell, task, seed=self.seed, tell=tell)
+        with view:
+            located = locate_first(
+                planned, self.options, view, view.tell, seed=self.seed
+            )
+        with stages() as tell:
+            again = make_plan(self.cell, located.task, seed=self.seed, tell=tell)
+        plan = noted(again.plan, located)
+        print_plan(plan)
+        watcher = self._watcher()
+        result = start_run(again.setting, plan, self.options, watcher, located)
         return self._reported(result)
 
     def resume(self, run: str) -> RunResult:

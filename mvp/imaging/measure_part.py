@@ -21,7 +21,7 @@ from mvp.imaging.verify_holes import hole_report
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from mvp.geometry import FloatArray, IntArray
+    from mvp.geometry import BoolArray, FloatArray, IntArray
     from mvp.imaging.edge_samples import Picture
     from mvp.imaging.expectation import ExpectedEdge, ViewExpectation
     from mvp.imaging.measure_edges import EdgeMeasurement
@@ -43,6 +43,8 @@ class PartLines:
         edge: (k,) the line of each place.
         sigma_px: (k,) one standard deviation across the line.
         names: (e,).
+        agrees: (e,) it lies where the others put it; edges at other depths than most
+            do so only when the expected pose is nearly right.
         centres_mm: (c, 3) of rims.
         axes: (c, 3).
         radii_mm: (c,).
@@ -58,6 +60,7 @@ class PartLines:
     edge: IntArray
     sigma_px: FloatArray
     names: tuple[str, ...]
+    agrees: BoolArray
     centres_mm: FloatArray
     axes: FloatArray
     radii_mm: FloatArray
@@ -87,11 +90,11 @@ def measure_part(
         return _lines([], [], reason=fault.explanation)
     view = measure_view(picture, expectation)
     edges = [
-        _on_edge(picture, edge, found)
+        _on_edge(picture, edge, found, agrees=bool(agrees))
         for edge, found, agrees in zip(
             expectation.edges, view.found, view.agrees, strict=True
         )
-        if agrees and _clean(edge, found)
+        if _clean(edge, found)
     ]
     return _lines(edges, _rims(picture, expectation, view), found=view.share_after)
 
@@ -102,6 +105,7 @@ class _OnEdge:
     ends_mm: FloatArray
     places_px: FloatArray
     sigma_px: float
+    agrees: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +121,8 @@ class _OnRim:
 def _clean(edge: ExpectedEdge, found: EdgeMeasurement) -> bool:
     """One line beside which nothing else was taken for it."""
     return (
-        not edge.crowded
+        found.found
+        and not edge.crowded
         and found.covariance is not None
         and found.saturated < _CLIPPED_SHARE
         and found.misfit < _LARGEST_MISFIT
@@ -125,7 +130,9 @@ def _clean(edge: ExpectedEdge, found: EdgeMeasurement) -> bool:
     )
 
 
-def _on_edge(picture: Picture, edge: ExpectedEdge, found: EdgeMeasurement) -> _OnEdge:
+def _on_edge(
+    picture: Picture, edge: ExpectedEdge, found: EdgeMeasurement, *, agrees: bool
+) -> _OnEdge:
     """Two places that know as much of offset and slope as the fit does."""
     covariance = np.zeros((2, 2)) if found.covariance is None else found.covariance
     offset, slope = max(covariance[0, 0], 0.0), max(covariance[1, 1], 0.0)
@@ -138,6 +145,7 @@ def _on_edge(picture: Picture, edge: ExpectedEdge, found: EdgeMeasurement) -> _O
         np.stack([edge.start_mm, edge.end_mm]),
         picture.plane.raw(places),
         float(np.sqrt(2 * offset + 2 * _MODEL_PX**2)),
+        agrees,
     )
 
 
@@ -173,6 +181,7 @@ def _lines(
         edge=np.repeat(np.arange(len(edges)), 2),
         sigma_px=np.repeat([e.sigma_px for e in edges], 2).astype(np.float64),
         names=tuple(e.name for e in edges),
+        agrees=np.array([e.agrees for e in edges], np.bool_),
         centres_mm=np.array([r.centre_mm for r in rims]).reshape(-1, 3),
         axes=np.array([r.axis for r in rims]).reshape(-1, 3),
         radii_mm=np.array([r.radius_mm for r in rims], np.float64),

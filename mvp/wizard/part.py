@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from mvp.geometry import FloatArray, IntArray, Pose
+    from mvp.geometry import BoolArray, FloatArray, IntArray, Pose
     from mvp.wizard.protocol import Shot
 
 
@@ -44,6 +44,8 @@ class SeenPart:
         edge: (k,) the edge of each place.
         edge_sigma_px: (k,) one standard deviation across the edge.
         edge_names: (e,).
+        agrees: (e,) lies where the others put it: always so when the believed pose is
+            right, and for too few edges while it is not.
         centres_part_mm: (c, 3) centres of the rims of holes that were measured.
         normals_part: (c, 3).
         radii_mm: (c,).
@@ -59,6 +61,7 @@ class SeenPart:
     edge: IntArray
     edge_sigma_px: FloatArray
     edge_names: tuple[str, ...]
+    agrees: BoolArray
     centres_part_mm: FloatArray
     normals_part: FloatArray
     radii_mm: FloatArray
