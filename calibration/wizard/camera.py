@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from calibration.poses import Poses
-from calibration.targets import CircleGrid, MeasuredLength
+from calibration.targets import CircleGrid, MeasuredLength, Rejection
+from calibration.targets.gather import examined
 from calibration.wizard.camera_result import (
     FEWEST,
     LENS_SETTING,
@@ -39,9 +40,12 @@ from mvp.wizard import Ask, Covered, Forecast, Say, Word
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
+    from numpy.typing import NDArray
+
     from calibration.targets import Target
     from calibration.wizard.lookout import Goal
     from calibration.wizard.next_pose import TargetViews
+    from calibration.wizard.session_store import Sample
     from calibration.wizard.working import Setting
     from mvp.geometry import FloatArray
     from mvp.wizard import Answer, Bench, Outcome, Step, WizardOptions
@@ -51,6 +55,7 @@ BAR_PX = 0.5
 _ENOUGH_FIELDS = 0.9
 _FAILURES = 12
 _SQUARE = "square_mm"
+_SHARP_RISE_PX = 2.0  # of an edge in best focus
 _FIRST_FILL = 0.8
 _SEARCH_SIGMAS = 2.0
 _WHAT = "expected error of a point at the working distance"
@@ -71,10 +76,9 @@ class CameraWizard:
         yield from _pre_flight(lookout)
         setting = setting_of(store)
         bench.set_lens(zoom=setting.zoom, focus=setting.focus, iris=setting.iris)
-        word = yield from _first_view(lookout, setting)
-        if word is not Word.FINISH:
-            most = options.most_samples or MOST_VIEWS
-            word = yield from _telling_views(lookout, setting, most)
+        yield from _first_view(lookout, setting)
+        most = options.most_samples or MOST_VIEWS
+        word = yield from _telling_views(lookout, setting, most)
         if word is not Word.FINISH:
             yield from _held_out_views(lookout, setting)
         return self.outcome(store)
@@ -105,6 +109,9 @@ def _pre_flight(lookout: Lookout) -> Generator[Step, Answer, None]:
         f"{target.square_mm:g} mm; lens locked at f {lens.f_mm:.2f}, d {lens.d_mm:.3f}, "
         f"a {lens.a_mm:.2f} mm, sharp at {setting.stand_off_mm(facts):.0f} mm"
     )
+    if facts.temperature_c is None:
+        text = "nobody knows how warm it is: state temperature_c in [conditions]"
+        yield Say(text, "warning")
     square = store.recall(_SQUARE)
     if not isinstance(square, float):
         square = yield from _asked_square(target.square_mm)
@@ -143,16 +150,14 @@ def _resized(layout: Target, square_mm: float) -> Target:
     return replace(layout, square=size)
 
 
-def _first_view(
-    lookout: Lookout, setting: Setting
-) -> Generator[Step, Answer, Word | None]:
+def _first_view(lookout: Lookout, setting: Setting) -> Generator[Step, Answer, None]:
     """The whole target from the front; beside it where it is not found at once.
 
     Raises:
         CalibrationError: it is not found, or not seen well enough.
     """
     store = lookout.store
-    reason = action = ""
+    reason, action = "no picture was taken", "allow the motion"
     for shift in _search(lookout):
         if store.usable():
             return None
@@ -167,10 +172,14 @@ def _first_view(
             role="calibration",
             words="to a first view of the whole target",
         )
-        if sample is Word.FINISH:
-            return Word.FINISH
-        if sample is not None and not isinstance(sample, Word) and not sample.usable:
-            reason, action = sample.reason, sample.action
+        if sample is Word.UNDO:
+            store.undo()
+        if sample is None or isinstance(sample, Word):
+            continue
+        if sample.usable:
+            yield from _looked_at(lookout, setting, sample)
+            return None
+        reason, action = sample.reason, sample.action
     if store.usable():
         return None
     raise CalibrationError(
@@ -178,6 +187,35 @@ def _first_view(
         hint=f"{action}; check where [target] of the cell file says that it lies",
         where=lookout.facts.cell,
     )
+
+
+def _looked_at(
+    lookout: Lookout, setting: Setting, sample: Sample
+) -> Generator[Step, Answer, None]:
+    """Is the first picture as sharp as the lens table says, and well exposed?"""
+    found = examined(_grey(lookout, sample), lookout.layout)
+    if isinstance(found, Rejection):
+        return
+    figures = found[1]
+    facts = lookout.facts
+    focus = focus_at(facts, facts.lens_at(setting.by_name), setting.limit_px)
+    depth = lookout.sight(sample).translation_mm[:, 2]
+    foreseen = float(focus.blur_px(depth)[0]) + _SHARP_RISE_PX
+    text = (
+        f"exposure {1000 * sample.exposure_s:.1f} ms; edges are {figures.rise_px:.1f} px "
+        f"wide, {foreseen:.1f} px were foreseen"
+    )
+    if figures.rise_px > foreseen + setting.limit_px:
+        text += ": the lens is focused elsewhere than its table says"
+        yield Say(f"{text}; corners are found, but less well", "warning")
+    else:
+        yield Say(text, "good")
+
+
+def _grey(lookout: Lookout, sample: Sample) -> NDArray[np.uint8]:
+    pixels = lookout.store.image(sample)
+    scaled = pixels.astype(np.float64) * (255 / sample.full_scale)
+    return np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
 
 
 def _search(lookout: Lookout) -> FloatArray:
@@ -246,6 +284,9 @@ def _telling_views(
         )
         if sample is Word.FINISH and count >= FEWEST:
             return Word.FINISH
+        if sample is Word.FINISH:
+            yield Say(f"at least {FEWEST} views are needed", "warning")
+            continue
         if sample is Word.UNDO:
             store.undo()
         failures += not getattr(sample, "usable", False)

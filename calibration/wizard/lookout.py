@@ -60,7 +60,7 @@ def layout_of(facts: TargetFacts) -> Target:
     if facts.kind == "chessboard":
         return Chessboard(facts.columns, facts.rows, side)
     if facts.kind == "circle-grid":
-        diameter = facts.marker_mm or facts.square_mm / 2
+        diameter = facts.diameter_mm
         return CircleGrid(facts.columns, facts.rows, side, diameter)
     marker = facts.marker_mm or 0.7 * facts.square_mm
     return Charuco(facts.columns, facts.rows, side, marker, facts.dictionary)

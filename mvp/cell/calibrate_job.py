@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import shlex
+import shutil
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
@@ -28,6 +30,7 @@ from mvp.cell.homing import HOMING_S, home_arm, homing_of
 from mvp.cell.in_use import using_devices
 from mvp.cell.interrupts import uninterrupted
 from mvp.cell.lock import cell_lock
+from mvp.cell.logs import log_devices, log_to
 from mvp.cell.places import bundled_root
 from mvp.cell.progress import Tell, unheard
 from mvp.cell.session import Motion, devices_for, start_speed
@@ -48,6 +51,7 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _SESSION_BYTES = 200_000_000
 _LOCK_NAME = ".calibrate.lock"
+_LOG_FILE = "log.jsonl"
 _PLACES = 30  # about as many as a wizard visits
 # What a wizard relies on must have been measured with the devices that are there.
 _RELIES_ON = {
@@ -144,9 +148,11 @@ def calibrate(
         speed = start_speed(setting, devices, infos)
         bench = CellBench(setting, devices, store.facts, start_speed=speed)
         with (
-            _resumable(setting.cell, store, request.key),
+            log_to(store.path / _LOG_FILE, store.path.name),
+            _resumable(setting, store, request.key),
             stopped_on_error(devices, bench.under_way, tell),
         ):
+            log_devices(infos.values())
             allow_and_home(setting, bench, infos, front, request.key)
             outcome = drive(wizard, bench, store, request.options, front)
     with uninterrupted():
@@ -284,18 +290,26 @@ def allow_and_home(
 
 
 @contextmanager
-def _resumable(cell: LoadedCell, store: Store, key: str) -> Iterator[None]:
-    """Let an error say how the session goes on."""
-    command = f"mvp-cell calibrate {key} {cell.source.path} --resume"
+def _resumable(setting: Setting, store: Store, key: str) -> Iterator[None]:
+    """Let an error say how the session goes on; one without a picture is dropped."""
     try:
         yield
-    except MvpCellError as error:
-        if store.count:
+    except BaseException as error:
+        _LOG.info("ended early: %s: %s", type(error).__name__, error)
+        if not store.count:
+            shutil.rmtree(store.path, ignore_errors=True)
+        elif isinstance(error, MvpCellError):
             first = f"{error.hint}; then " if error.hint else ""
-            error.hint = f"{first}go on with: {command}"
+            error.hint = f"{first}go on with: {_resume_command(setting, key)}"
         raise
-    finally:
-        _LOG.info("calibrate: %d samples in %s", store.count, store.path)
+
+
+def _resume_command(setting: Setting, key: str) -> str:
+    cell, task = setting.cell, setting.task.source.path
+    words = ["mvp-cell", "calibrate", key, str(cell.source.path), "--resume"]
+    if task != (cell.folder / cell.config.default_task).resolve():
+        words += ["--task", str(task)]
+    return shlex.join(words)
 
 
 def _finished(
@@ -353,11 +367,12 @@ def _with_page(
     """Draw the report; one that fails never spoils the result."""
     try:
         page = wizard.page(store, outcome)
-    except Exception:
-        _LOG.exception("calibrate: the report could not be drawn")
-        return document
-    if not page:
-        return document
-    path = store.path / REPORT_FILE
-    write_durably(path, page.encode())
+        if not page:
+            return document
+        path = store.path / REPORT_FILE
+        write_durably(path, page.encode())
+    except Exception as error:
+        _LOG.debug("no report", exc_info=error)
+        why = f"no report: {type(error).__name__}: {error}"
+        return document.model_copy(update={"lines": [*document.lines, why]})
     return document.model_copy(update={"report": str(path)})

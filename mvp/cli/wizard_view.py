@@ -202,10 +202,10 @@ def _shade(count: int, most: int) -> str:
 
 def _forecast(found: Forecast) -> str:
     if found.value is None:
-        return f"{found.what}: too early to tell; asked {found.bar:g} {found.unit}"
+        return f"{found.what}: too early to tell; asked {found.bar:.3g} {found.unit}"
     state = "reached" if found.met else "not yet"
     return (
-        f"{found.what}: {found.value:.3g} {found.unit}, asked {found.bar:g} "
+        f"{found.what}: {found.value:.3g} {found.unit}, asked {found.bar:.3g} "
         f"{found.unit}: {state}"
     )
 
