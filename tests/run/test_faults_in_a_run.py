@@ -92,6 +92,57 @@ def test_a_fault_in_the_second_view_keeps_the_first_and_the_run_is_resumed(
     assert all(is_whole(folder, r) for r in taken)
 
 
+def press_while_the_lens_moves(rig: Rig, out: Path, seen: list[str]) -> None:
+    """Close a limit switch of the gantry while it stands in the second view."""
+    end_s = time.monotonic() + VIEW_S
+    while time.monotonic() < end_s:
+        for log in out.glob("*/log.jsonl"):
+            said = log.read_text()
+            if "lens: towards v2" in said and "lens: stands at v2" not in said:
+                rig.far.tell("arm", {"do": "press", "axis": "Y"})
+                seen.append("stands" if "arm: stands at v2" in said else "moves")
+                return
+        time.sleep(0.005)
+
+
+@pytest.mark.full
+def test_a_gantry_alarm_while_only_the_lens_moves_is_named_before_the_next_motion(
+    tmp_path_factory: pytest.TempPathFactory,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    cell = cell_in(tmp_path_factory.mktemp("alarm"))
+    text = (cell / "cell.toml").read_text()
+    text = text.replace(
+        'profile = "grblhal"', 'profile = "grblhal"\nhard_limits = true'
+    )
+    text = text.replace(
+        'kind = "scf4"\nspeed_scale = 10', 'kind = "scf4"\nspeed_scale = 2'
+    )
+    (cell / "cell.toml").write_text(text)
+    rig, seen = Rig(cell, FarEnds(cell)), []
+    breaker = threading.Thread(
+        target=press_while_the_lens_moves, args=(rig, tmp_path, seen)
+    )
+    breaker.start()
+    words = ["run", str(cell), "--task", "soak", "--partial", "--json"]
+    code = invoke([*words, "--out", str(tmp_path)])
+    said = capsys.readouterr()
+    breaker.join(VIEW_S)
+    rig.far.end()
+    assert seen == ["stands"]
+    assert code == 4, said.err
+    (folder,) = [path for path in tmp_path.iterdir() if path.is_dir()]
+    records = read_records(folder / "records.jsonl")
+    (taken,) = [r for r in records if isinstance(r, Captured)]
+    assert taken.view == "v1"
+    (fault,) = [r for r in records if isinstance(r, Fault)]
+    assert fault.where == "arm"
+    assert "alarm 1" in fault.message
+    asked = (folder / "log.jsonl").read_text().count("arm: towards")
+    assert asked == 2, "nothing was asked of the arm after its alarm"
+
+
 def check_kept(folder: Path, role: str) -> None:
     """The first view is there, the fault is told, and what may still move."""
     records = read_records(folder / "records.jsonl")
