@@ -40,6 +40,10 @@ settings.register_profile(
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same-inputs"))
 
+# A suite that was started in the background would hand an ignored Ctrl-C on.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 _IN_REAL_TIME = ("wire", "run", "conformance")
 
 
