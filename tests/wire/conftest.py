@@ -239,6 +239,14 @@ class GantryBench:
         arm.move_joints(self.start, timeout_s=60)
         return arm
 
+    def slow_move(self, arm: GantryArm) -> object:
+        """A move that takes some seconds."""
+        return arm.move_joints(self.far, speed_fraction=0.001, timeout_s=60)
+
+    def amid_a_move(self, arm: GantryArm, act: Callable[[], object]) -> object:
+        """What a slow move ends in when something happens while it goes on."""
+        return meanwhile(lambda: self.slow_move(arm), self.moving, act)
+
     @property
     def tap(self) -> Tap:
         """Of the arm that was made last."""

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import re
 import threading
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
+from drivers.simulators.gcode_axes import camera_head, slide
 from mvp.errors import (
     ConnectError,
     DeviceError,
     DeviceFault,
     DeviceTimeout,
     LimitError,
-    LinkLost,
     MotionStopped,
 )
 from mvp.testing.require import (
@@ -27,14 +27,11 @@ from mvp.testing.require import (
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+    from typing import Any
+
+    Make = Callable[..., Any]
 
 BOTH = pytest.mark.parametrize("firmware", ["grblhal", "fluidnc"])
-Make = "Callable[..., Any]"
-
-
-def slowly(bench: Any, arm: Any) -> Callable[[], object]:
-    """A move that takes some seconds."""
-    return lambda: arm.move_joints(bench.far, speed_fraction=0.001, timeout_s=60)
 
 
 @BOTH
@@ -119,9 +116,7 @@ def test_a_limit_switch_ends_a_move_and_loses_the_place(
     # FluidNC has its limits in a file of its own; the switch itself is the same.
     bench = gantry_bench(firmware, hard_limits=True)
     arm = bench.homed(tmp_path)
-    result = meanwhile(
-        slowly(bench, arm), bench.moving, lambda: bench.do("press", axis="Y")
-    )
+    result = bench.amid_a_move(arm, lambda: bench.do("press", axis="Y"))
     assert isinstance(result, DeviceFault)
     assert result.code == "ALARM:1"
     assert ".wire.jsonl" in result.hint
@@ -156,21 +151,11 @@ def test_a_switch_that_is_not_found(gantry_bench: Make) -> None:
 
 
 def test_a_machine_smaller_than_configured(gantry_bench: Make) -> None:
-    axes = [
-        {"letter": x, "travel": 150, "rate_min": 18000, "acceleration": 1000}
+    slides = [
+        slide(x, 150, start=0, joint_zero=0, switch="high", steps_per_unit=250)
         for x in "XYZ"
     ]
-    turning = [
-        {
-            "letter": x,
-            "travel": 180,
-            "rate_min": 5400,
-            "acceleration": 300,
-            "switch": None,
-        }
-        for x in "AB"
-    ]
-    bench = gantry_bench("grblhal", axes=[*axes, *turning])
+    bench = gantry_bench("grblhal", axes=[*slides, *camera_head()])
     arm = bench.arm()
     arm.open()
     arm.home(timeout_s=60, clear=nothing_in_the_way)
@@ -198,47 +183,12 @@ def test_one_refused_line_does_not_stick(gantry_bench: Make) -> None:
 
 
 @BOTH
-def test_unplugged_in_motion(gantry_bench: Make, firmware: str) -> None:
-    bench = gantry_bench(firmware)
-    arm = bench.homed()
-    result = meanwhile(
-        slowly(bench, arm), bench.moving, lambda: bench.do("unplug", reset=True)
-    )
-    assert isinstance(result, LinkLost)
-    assert not arm.homed
-    refuses(DeviceError, lambda: arm.move_joints(bench.start, timeout_s=5))
-    arm.stop()
-    arm.close()
-    bench.do("replug")
-    arm.open()
-    assert not arm.homed
-    arm.home(timeout_s=60, clear=nothing_in_the_way)
-    arm.move_joints(bench.start, timeout_s=60)
-
-
-@BOTH
-def test_the_power_fails_for_a_moment(gantry_bench: Make, firmware: str) -> None:
-    bench = gantry_bench(firmware)
-    arm = bench.homed()
-    result = meanwhile(
-        slowly(bench, arm), bench.moving, lambda: bench.do("power_cycle")
-    )
-    assert isinstance(result, DeviceFault)
-    assert "restarted" in result.message
-    assert not arm.homed
-    arm.home(timeout_s=60, clear=nothing_in_the_way)
-    bench.do("power_cycle")
-    wait_until(lambda: not arm.homed, "the driver saw the banner")
-    refuses(LimitError, lambda: arm.move_joints(bench.start, timeout_s=5))
-
-
-@BOTH
 def test_a_stop_is_one_byte_and_keeps_the_place(
     gantry_bench: Make, firmware: str
 ) -> None:
     bench = gantry_bench(firmware)
     arm = bench.homed()
-    result = meanwhile(slowly(bench, arm), bench.moving, arm.stop)
+    result = bench.amid_a_move(arm, arm.stop)
     assert isinstance(result, MotionStopped)
     place = [k for k, data in enumerate(bench.tap.sent) if b"G4" in data][-1]
     hold = [data for data in bench.tap.sent[place:] if data in (b"!", b"\x82")]
@@ -303,7 +253,7 @@ def test_a_deadline_stops_it(gantry_bench: Make) -> None:
 def test_closing_while_it_moves_stops_it_first(gantry_bench: Make) -> None:
     bench = gantry_bench("grblhal")
     arm = bench.homed()
-    result = meanwhile(slowly(bench, arm), bench.moving, arm.close)
+    result = bench.amid_a_move(arm, arm.close)
     assert isinstance(result, DeviceError)
     assert not bench.moving()
     assert b"\x82" in bench.sent
@@ -347,7 +297,7 @@ def test_a_poor_line(gantry_bench: Make) -> None:
 def test_only_one_motion_at_a_time(gantry_bench: Make) -> None:
     bench = gantry_bench("grblhal")
     arm = bench.homed()
-    worker = threading.Thread(target=lambda: slowly(bench, arm)())
+    worker = threading.Thread(target=lambda: bench.slow_move(arm))
     worker.start()
     wait_until(bench.moving, "it moves")
     refuses(DeviceFault, lambda: arm.move_joints(bench.start, timeout_s=5))

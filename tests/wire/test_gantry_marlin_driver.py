@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
+from drivers.simulators.gcode_axes import camera_head, slide
 from mvp.errors import (
     ConnectError,
     DeviceError,
     DeviceFault,
     DeviceTimeout,
     LimitError,
-    LinkLost,
     MotionStopped,
 )
-from mvp.testing.require import meanwhile, nothing_in_the_way, refuses
+from mvp.testing.require import nothing_in_the_way, refuses
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+    from typing import Any
 
-Make = "Callable[..., Any]"
-
-
-def slowly(bench: Any, arm: Any) -> Callable[[], object]:
-    """A move that takes some seconds."""
-    return lambda: arm.move_joints(bench.far, speed_fraction=0.001, timeout_s=60)
+    Make = Callable[..., Any]
 
 
 def test_it_moves_only_after_it_was_homed(gantry_bench: Make) -> None:
@@ -80,28 +76,11 @@ def test_without_numbers_a_damaged_line_shows_in_the_place(gantry_bench: Make) -
 
 
 def test_a_machine_that_clamps(gantry_bench: Make) -> None:
-    axes = [
-        {
-            "letter": x,
-            "travel": 700,
-            "rate_min": 18_000,
-            "acceleration": 1000,
-            "switch": "low",
-            "start": 100,
-        }
+    slides = [
+        slide(x, 700, start=100, joint_zero=0, switch="low", steps_per_unit=250)
         for x in "XYZ"
     ]
-    turning = [
-        {
-            "letter": x,
-            "travel": 180,
-            "rate_min": 5400,
-            "acceleration": 300,
-            "switch": None,
-        }
-        for x in "AB"
-    ]
-    bench = gantry_bench("marlin", axes=[*axes, *turning])
+    bench = gantry_bench("marlin", axes=[*slides, *camera_head()])
     arm = bench.homed()
     error = refuses(DeviceFault, lambda: arm.move_joints(bench.far, timeout_s=30))
     assert error.code == "position"
@@ -111,7 +90,7 @@ def test_a_machine_that_clamps(gantry_bench: Make) -> None:
 def test_a_quick_stop_ends_a_move_and_loses_the_place(gantry_bench: Make) -> None:
     bench = gantry_bench("marlin")
     arm = bench.homed()
-    result = meanwhile(slowly(bench, arm), bench.moving, arm.stop)
+    result = bench.amid_a_move(arm, arm.stop)
     assert isinstance(result, MotionStopped)
     assert b"M410\n" in bench.tap.sent
     assert not bench.moving()
@@ -158,31 +137,6 @@ def test_a_board_that_halts(gantry_bench: Make, tmp_path: Path) -> None:
     bench.do("power_cycle")
     first.act()
     arm.home(timeout_s=60, clear=nothing_in_the_way)
-
-
-def test_unplugged_in_motion(gantry_bench: Make) -> None:
-    bench = gantry_bench("marlin")
-    arm = bench.homed()
-    result = meanwhile(
-        slowly(bench, arm), bench.moving, lambda: bench.do("unplug", reset=True)
-    )
-    assert isinstance(result, LinkLost)
-    assert not arm.homed
-    arm.close()
-    bench.do("replug")
-    arm.open()
-    arm.home(timeout_s=60, clear=nothing_in_the_way)
-
-
-def test_the_power_fails_for_a_moment(gantry_bench: Make) -> None:
-    bench = gantry_bench("marlin")
-    arm = bench.homed()
-    result = meanwhile(
-        slowly(bench, arm), bench.moving, lambda: bench.do("power_cycle")
-    )
-    assert isinstance(result, DeviceFault)
-    assert "restarted" in result.message
-    assert not arm.homed
 
 
 def test_it_is_no_grbl(gantry_bench: Make) -> None:
