@@ -5,11 +5,9 @@ from calibration.part_pose.locate import (
     HandEye,
     LocatedPart,
     PartView,
-    ViewpointError,
     locate,
     own_shares,
     viewpoint_covariance,
-    viewpoint_error,
 )
 from calibration.part_pose.resection import (
     AMBIGUOUS_BELOW,
@@ -36,7 +34,6 @@ __all__ = [
     "SeenCircles",
     "SeenEdges",
     "SeenPoints",
-    "ViewpointError",
     "by_camera",
     "judge_located",
     "judge_resection",
@@ -44,5 +41,4 @@ __all__ = [
     "own_shares",
     "resect",
     "viewpoint_covariance",
-    "viewpoint_error",
 ]

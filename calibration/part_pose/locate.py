@@ -206,23 +206,6 @@ def own_shares(
     return by_picture, by_robot
 
 
-@dataclass(frozen=True)
-class ViewpointError:
-    """How far from its plan a camera will stand, as seen from the part.
-
-    Attributes:
-        position_mm: root mean square of the distance.
-        angle_rad: root mean square of the rotation.
-        position_95_mm: exceeded once in twenty, if errors are normal.
-        angle_95_rad: likewise.
-    """
-
-    position_mm: float
-    angle_rad: float
-    position_95_mm: float
-    angle_95_rad: float
-
-
 def viewpoint_covariance(
     planned_part_from_camera: Pose, located: LocatedPart, hand_eye: HandEye
 ) -> FloatArray:
@@ -244,17 +227,6 @@ def viewpoint_covariance(
         by_part @ located.own_covariance @ by_part.T
         + by_tool @ hand_eye.robot_covariance @ by_tool.T
         + shared @ hand_eye.covariance @ shared.T
-    )
-
-
-def viewpoint_error(covariance: FloatArray) -> ViewpointError:
-    """A 6 x 6 covariance in two numbers, and their 95 % limits."""
-    position, angle = covariance[:3, :3], covariance[3:, 3:]
-    return ViewpointError(
-        float(np.sqrt(np.trace(position))),
-        float(np.sqrt(np.trace(angle))),
-        _limit_95(position),
-        _limit_95(angle),
     )
 
 
@@ -291,12 +263,3 @@ def _turned(rotation: FloatArray, block: FloatArray) -> FloatArray:
     both = np.zeros((*rotation.shape[:-2], 6, 6))
     both[..., :3, :3] = both[..., 3:, 3:] = rotation
     return np.asarray(both @ block)
-
-
-def _limit_95(covariance: FloatArray) -> float:
-    """Length that is exceeded once in twenty: a chi-square with the same two moments."""
-    mean, spread = np.trace(covariance), 2 * np.trace(covariance @ covariance)
-    if mean <= 0:
-        return 0.0
-    freedom = 2 * mean**2 / spread
-    return float(np.sqrt(mean * chi2.ppf(0.95, freedom) / freedom))

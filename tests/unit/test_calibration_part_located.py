@@ -12,11 +12,11 @@ from calibration.part_pose import (
     judge_located,
     locate,
     viewpoint_covariance,
-    viewpoint_error,
 )
 from calibration.poses import difference, only
 from mvp.geometry import Pose
 from mvp.kinematics.camera_pose import base_from_part, base_from_tool
+from mvp.planning.probability_errors import camera_spread
 
 ROBOT = np.diag([0.1, 0.1, 0.1, 5e-4, 5e-4, 5e-4]) ** 2
 EYE = np.diag([0.3, 0.3, 0.5, 1e-3, 1e-3, 2e-3]) ** 2
@@ -112,11 +112,11 @@ def test_an_error_of_the_hand_eye_cancels_at_the_view_that_located_the_part():
     _, x, tools, seen = cell(rng, 1)
     eye = HandEye(x, EYE, 1e-12 * np.eye(6))
     found = locate([PartView(seen[0], 1e-12 * np.eye(6), tools[0])], eye)
-    same = viewpoint_error(viewpoint_covariance(seen[0].inverse(), found, eye))
+    same = camera_spread(viewpoint_covariance(seen[0].inverse(), found, eye))
     turn = Pose.from_rotvec("camera", "camera", [0, 0, np.pi / 2], [0, 0, 0])
     other = viewpoint_covariance((turn @ seen[0]).inverse(), found, eye)
     assert same.position_mm < 1e-3
-    assert viewpoint_error(other).position_mm > 0.3
+    assert camera_spread(other).position_mm > 0.3
 
 
 def test_the_predicted_error_of_a_viewpoint_is_that_of_many_trials():
@@ -134,7 +134,7 @@ def test_the_predicted_error_of_a_viewpoint_is_that_of_many_trials():
     steps, covariance = np.array(steps), np.mean(stated, axis=0)
     pulls = np.einsum("ni,ij,nj->n", steps, np.linalg.inv(covariance), steps) / 6
     assert pulls.mean() == pytest.approx(1.0, abs=0.15)
-    error = viewpoint_error(covariance)
+    error = camera_spread(covariance)
     distance = np.linalg.norm(steps[:, :3], axis=1)
     assert np.sqrt((distance**2).mean()) == pytest.approx(error.position_mm, rel=0.12)
     assert 0.90 <= (distance < error.position_95_mm).mean() <= 0.985
