@@ -19,6 +19,7 @@ from calibration.wizard.part_result import (
 )
 from calibration.wizard.part_sight import look
 from calibration.wizard.session_store import SessionStore
+from mvp.errors import LimitError
 from mvp.wizard import (
     Allow,
     Covered,
@@ -36,10 +37,12 @@ if TYPE_CHECKING:
 
     from calibration.wizard.session_store import Sample
     from mvp.geometry import Pose
-    from mvp.wizard import Answer, Bench, SightView, Step, WizardOptions
+    from mvp.wizard import Answer, Bench, Shot, SightView, Step, WizardOptions
 
 FEWEST_VIEWS = 3
 BAR_MM = 0.3
+_METERING_FRAMES = 6
+_CLOSE_ENOUGH = 1.3
 _WHAT = "how well the middle of the features is known (95 %)"
 
 
@@ -121,16 +124,31 @@ def _taken(
     bench.move(stand.joints)
     steps = view.lens_steps
     bench.set_lens(zoom=steps["zoom"], focus=steps["focus"], iris=steps["iris"])
-    shot = bench.shoot()
-    d_mm = store.facts.lens_at(dict(shot.lens_steps)).d_mm
-    camera = shot.base_from_tool @ store.facts.tool_from_camera(d_mm)
+    shot, there = _shot(bench, believed)
     yield Working(f"measuring the part in {view.name}")
-    seen = look(bench.sights, shot, store.facts, camera.inverse() @ believed)
+    seen = look(bench.sights, shot, store.facts, there)
     sample = store.add(shot, seen.finding(shot), name=view.name)
     yield Sampled(
         sample.number, sample.name, sample.usable, sample.reason, sample.action
     )
     return sample
+
+
+def _shot(bench: Bench, believed: Pose) -> tuple[Shot, Pose]:
+    """A picture exposed for the part's features, and where they should be in it."""
+    facts, shot = bench.facts, bench.shoot()
+    d_mm = facts.lens_at(dict(shot.lens_steps)).d_mm
+    camera = shot.base_from_tool @ facts.tool_from_camera(d_mm)
+    there = camera.inverse() @ believed
+    for _ in range(_METERING_FRAMES):
+        factor = bench.sights.exposure_factor(shot, there)
+        if 1 / _CLOSE_ENOUGH < factor < _CLOSE_ENOUGH:
+            break
+        try:
+            shot = bench.shoot(shot.exposure_s * factor)
+        except LimitError:
+            break  # the camera cannot; what there is may do
+    return shot, there
 
 
 def _believed(store: SessionStore) -> Pose:

@@ -12,7 +12,7 @@ from mvp.cell.light_config import illumination
 from mvp.cell.locate_views import locating_views
 from mvp.cell.plan_job import make_plan
 from mvp.errors import InfeasibleError
-from mvp.imaging import ViewTolerance, expect_view, measure_part
+from mvp.imaging import ViewTolerance, expect_view, measure_part, meter_exposure
 from mvp.scene import CadEdges, cad_edges
 from mvp.wizard import SeenPart
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mvp.cell.plan_job import Planned, Setting
     from mvp.cell.progress import Tell
     from mvp.geometry import FloatArray, Pose
-    from mvp.imaging import PartLines
+    from mvp.imaging import PartLines, ViewExpectation
     from mvp.wizard import SessionFacts, Shot, SightView
 
 # Of a part that was put down by hand; it decides how much of a picture is believed.
@@ -44,6 +44,7 @@ class TaskSights:
     planned: Planned | None = None
     tell: Tell | None = None
     _views: list[SightView] = field(default_factory=list)
+    _last: tuple[bytes, ViewExpectation] | None = None
 
     def views(self) -> list[SightView]:
         """Where to look from; see ``PartSights``."""
@@ -75,14 +76,27 @@ class TaskSights:
 
     def measure(self, shot: Shot, camera_from_part: Pose) -> SeenPart:
         """Measure the part's edges and holes in a picture; see ``PartSights``."""
+        expectation = self._expected(shot, camera_from_part)
+        found = measure_part(shot.pixels, float(shot.full_scale), expectation)
+        return _in_part(found, camera_from_part.inverse())
+
+    def exposure_factor(self, shot: Shot, camera_from_part: Pose) -> float:
+        """How much longer to expose for the features; see ``PartSights``."""
+        expectation = self._expected(shot, camera_from_part)
+        return meter_exposure(shot.pixels, float(shot.full_scale), expectation)
+
+    def _expected(self, shot: Shot, camera_from_part: Pose) -> ViewExpectation:
+        """What the picture should show; the last one is kept."""
         scene, facts = self.setting.scene.scene, self.facts
+        key = camera_from_part.matrix.tobytes() + repr(shot.lens_steps).encode()
+        if self._last is not None and self._last[0] == key:
+            return self._last[1]
         lens = facts.lens_at(dict(shot.lens_steps))
-        part_from_camera = camera_from_part.inverse()
         expectation = expect_view(
             scene.features,
             scene.occluders,
             self._edges,
-            part_from_camera,
+            camera_from_part.inverse(),
             f_mm=lens.f_mm,
             d_mm=lens.d_mm,
             a_mm=lens.a_mm,
@@ -93,8 +107,8 @@ class TaskSights:
             light=illumination(self.setting.cell.config.light),
             auxiliary=_EDGES,
         )
-        found = measure_part(shot.pixels, float(shot.full_scale), expectation)
-        return _in_part(found, part_from_camera)
+        self._last = key, expectation
+        return expectation
 
 
 def _in_part(found: PartLines, part_from_camera: Pose) -> SeenPart:

@@ -3,8 +3,9 @@
 The plan's own views come first: they show the features sharp and whole. Others follow
 that circle the features with the same lens setting, each chosen for what it adds: one
 picture knows a part far worse along its line of sight than across it, so that the next
-one is wanted from the side. What stays in the way, out of focus or out of reach is left
-out.
+one is wanted from the side. They need not resolve what the task asks for, nor show every
+feature; those that are hidden tell nothing. What is out of focus, out of the picture or
+out of reach is left out.
 """
 
 from __future__ import annotations
@@ -17,21 +18,24 @@ from scipy.spatial.transform import Rotation
 
 from mvp.geometry import Pose
 from mvp.optics.views import concatenated, single_view
-from mvp.planning.rows import RowTable
 from mvp.wizard import SightView
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from mvp.cell.plan_job import Planned
     from mvp.cell.realise_view import RealisedView
-    from mvp.geometry import FloatArray
+    from mvp.geometry import BoolArray, FloatArray
     from mvp.optics import Views
     from mvp.planning.plan import PlannedView
+    from mvp.scene import Feature
 
 MOST_VIEWS = 5
 _TILTS_DEG = (12.0, 20.0, 30.0, 40.0)
 _SIDES = 12
 _ROLLS_DEG = (0, 90, 180, 270)
 _SIGMA_PX = 0.2
+_NEEDED = frozenset({"focus_near", "focus_far", "field_of_view", "workspace"})
 # What is known of the part beforehand: it decides only what the pictures leave open.
 _PRIOR_MM, _PRIOR_DEG = 5.0, 3.0
 # Arm and hand-eye blur every picture's pose alike: more pictures from one side are idle.
@@ -54,9 +58,9 @@ def locating_views(planned: Planned, most: int = MOST_VIEWS) -> list[SightView]:
     pairs = zip(planned.plan.views, planned.found.views, strict=True)
     own, around = [], []
     for view, realised in pairs:
-        points = _points(planned, realised)
+        points = _points(realised.features)
         own.append(_candidate(_own(view), realised.view, points, planned))
-        around += _around(planned, view, realised, points)
+        around += _around(planned, view, realised)
     chosen = own[:most]
     known = _prior() + sum(one.information for one in chosen)
     while len(chosen) < most and around:
@@ -78,15 +82,15 @@ def _own(view: PlannedView) -> SightView:
     )
 
 
-def _points(planned: Planned, realised: RealisedView) -> FloatArray:
-    """Places of the part that the view is about, (k, 3)."""
-    return np.concatenate([f.key_points_mm for f in realised.features])
+def _points(features: Sequence[Feature]) -> FloatArray:
+    """Places of the part that the features are about, (k, 3)."""
+    return np.concatenate([f.key_points_mm for f in features] or [np.zeros((0, 3))])
 
 
 def _around(
-    planned: Planned, view: PlannedView, realised: RealisedView, points: FloatArray
+    planned: Planned, view: PlannedView, realised: RealisedView
 ) -> list[_Candidate]:
-    """Admissible views in reach that circle the features, at the same lens setting."""
+    """Useful views in reach that circle the features, at the same lens setting."""
     problem = realised.problem
     names, poses = _circled(
         view.id, realised.view.part_from_camera(), problem.target_centre_mm
@@ -104,19 +108,28 @@ def _around(
             for pose in poses
         ]
     )
-    table = RowTable.of(problem)
-    good = table.worst(table.index(views)) >= 0
-    good &= planned.setting.arm.reachable_and_clear(views)
+    good = planned.setting.arm.reachable_and_clear(views)
+    for constraint in problem.constraints:
+        if constraint.kind in _NEEDED:
+            rows = constraint.rows(views, gradient=False)
+            good &= (rows.value >= 0).all(axis=1)
+    seen = _seen(planned, realised.features, views)
     steps = view.lens_steps.model_dump()
-    return [
-        _candidate(
-            SightView(names[i], poses[i], setting.d_mm, steps),
-            views[i],
-            points,
-            planned,
-        )
-        for i in map(int, np.flatnonzero(good))
-    ]
+    found = []
+    for i in map(int, np.flatnonzero(good & seen.any(axis=1))):
+        shown = [f for f, s in zip(realised.features, seen[i], strict=True) if s]
+        sight = SightView(names[i], poses[i], setting.d_mm, steps)
+        found.append(_candidate(sight, views[i], _points(shown), planned))
+    return found
+
+
+def _seen(planned: Planned, features: Sequence[Feature], views: Views) -> BoolArray:
+    """Which features (F,) every view shows whole, (N, F)."""
+    factory = planned.setting.factory
+    return np.stack(
+        [factory.region(f).signed_distance(views.position_mm) > 0 for f in features],
+        axis=1,
+    )
 
 
 def _circled(
@@ -174,7 +187,7 @@ def _moved(arms_mm: FloatArray) -> FloatArray:
 
 def _doubt_mm(planned: Planned, information: FloatArray) -> float:
     """How unsure the places of all features are: root mean square, mm."""
-    points = np.concatenate([_points(planned, view) for view in planned.found.views])
+    points = np.concatenate([_points(view.features) for view in planned.found.views])
     levers = _moved(points - planned.setting.scene.scene.part.bounds.centre_mm)
     spread = levers @ np.linalg.inv(information) @ np.swapaxes(levers, 1, 2)
     return float(np.sqrt(np.trace(spread, axis1=1, axis2=2).mean()))

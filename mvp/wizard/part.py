@@ -83,6 +83,17 @@ class PartSights(Protocol):
         """
         ...
 
+    def exposure_factor(self, shot: Shot, camera_from_part: Pose) -> float:
+        """By how much to change the exposure to suit the part's features.
+
+        Something brighter beside the part may have been exposed for.
+
+        Args:
+            shot: the picture.
+            camera_from_part: where the part is believed to be.
+        """
+        ...
+
     def measure(self, shot: Shot, camera_from_part: Pose) -> SeenPart:
         """Measure the part's edges and holes in a picture.
 
