@@ -13,34 +13,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.simulators.grbl import GrblConfig, GrblMachine
+from tests.wire.machine_bench import MachineBench
 
 UNLOCK = b"[MSG:'$H'|'$X' to unlock]\r\n"
 GREETING = b"\r\nGrbl 1.1h ['$' for help]\r\n" + UNLOCK
 
 
-class Bench:
+class Bench(MachineBench[GrblMachine]):
     """A controller that has booted, and the time on its clock."""
 
     def __init__(self, profile: str, **keys: Any) -> None:
         config = GrblConfig.model_validate({"profile": profile, "boot_s": 0.0, **keys})
-        self.machine = GrblMachine(config)
-        self.now_s = 10.0
+        super().__init__(GrblMachine(config))
         self.say(b"")
-
-    def say(self, data: bytes) -> bytes:
-        """What it answers at once."""
-        self.machine.receive(data, self.now_s)
-        self.machine.tick(self.now_s)
-        return self.machine.take_output()
-
-    def wait(self, seconds: float) -> bytes:
-        """What it says in the meantime."""
-        said = b""
-        for _ in range(max(round(seconds / 0.005), 1)):
-            self.now_s += 0.005
-            self.machine.tick(self.now_s)
-            said += self.machine.take_output()
-        return said
 
     def home(self) -> bytes:
         return self.say(b"$H\n") + self.wait(120)

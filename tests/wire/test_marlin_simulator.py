@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.simulators.marlin import MarlinConfig, MarlinMachine
+from tests.wire.machine_bench import MachineBench
 
 KILLED = b"Error:Printer halted. kill() called!\n"
 
@@ -20,27 +21,11 @@ def summed(line: str) -> bytes:
     return f"{line}*{check}\n".encode()
 
 
-class Bench:
+class Bench(MachineBench[MarlinMachine]):
     """A board that has booted, and the time on its clock."""
 
     def __init__(self, **keys: Any) -> None:
-        self.machine = MarlinMachine(MarlinConfig.model_validate(keys))
-        self.now_s = 10.0
-
-    def say(self, data: bytes) -> bytes:
-        """What it answers at once."""
-        self.machine.receive(data, self.now_s)
-        self.machine.tick(self.now_s)
-        return self.machine.take_output()
-
-    def wait(self, seconds: float) -> bytes:
-        """What it says in the meantime."""
-        said = b""
-        for _ in range(max(round(seconds / 0.005), 1)):
-            self.now_s += 0.005
-            self.machine.tick(self.now_s)
-            said += self.machine.take_output()
-        return said
+        super().__init__(MarlinMachine(MarlinConfig.model_validate(keys)))
 
 
 @pytest.fixture
