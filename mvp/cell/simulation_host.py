@@ -10,6 +10,7 @@ import numpy as np
 from mvp.cell.durable import output_error
 from mvp.cell.lock import cell_lock, remove_dead
 from mvp.cell.plan_job import prepare
+from mvp.cell.progress import Tell, unheard
 from mvp.cell.simulation import (
     SimulatedDevice,
     Simulation,
@@ -28,8 +29,15 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def hosted(cell: LoadedCell, task: LoadedTask) -> Iterator[Simulation]:
+def hosted(
+    cell: LoadedCell, task: LoadedTask, tell: Tell = unheard
+) -> Iterator[Simulation]:
     """Start world and simulators; yields where they listen, and ends all of it.
+
+    Args:
+        cell: with simulators.
+        task: what stands in their world.
+        tell: hears what takes time.
 
     Raises:
         UsageError: the cell has no simulators.
@@ -41,6 +49,7 @@ def hosted(cell: LoadedCell, task: LoadedTask) -> Iterator[Simulation]:
             hint="a virtual cell simulates its devices itself, a real cell has none",
             where=str(cell.source.path),
         )
+    tell(f"loading {task.part_file.name}")
     setting = prepare(cell, task)
     bodies = WorldBodies(setting.scene.scene.part, setting.scene.fixtures_base)
     clock = RealClock()
@@ -52,7 +61,10 @@ def hosted(cell: LoadedCell, task: LoadedTask) -> Iterator[Simulation]:
     )
     simulators = build_simulators(setting.cell, context)
     with ExitStack() as stack:
-        devices = {role: _started(one, stack) for role, one in simulators.items()}
+        devices = {}
+        for role, one in simulators.items():
+            tell(f"starting the far end of the {role}")
+            devices[role] = _started(one, stack)
         yield Simulation(
             cell=cell.config.name, task=str(task.source.path), devices=devices
         )

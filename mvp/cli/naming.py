@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mvp.errors import MvpCellError
 
-_PLACE = re.compile(r"(mvp-cell [a-z-]+ )CELL\b")
+_PLACE = re.compile(r"(mvp-cell (?:[a-z-]+ )+)CELL\b")
 
 
 def named(text: str, cell: str) -> str:

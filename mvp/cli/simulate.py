@@ -12,6 +12,7 @@ import typer
 from mvp.cell.interrupts import uninterrupted
 from mvp.cli.options import AcceptOption, CellArgument, TaskOption
 from mvp.cli.output import console
+from mvp.cli.progress import phase
 
 _LOOK_EVERY_S = 0.5
 
@@ -33,12 +34,16 @@ def simulate(
     Says READY and where they listen. Other commands on the same cell use them until Ctrl-C ends it.
     """
     from mvp.cell.loading import load_cell, load_task
+    from mvp.cell.lock import refuse_held
+    from mvp.cell.simulation import simulation_lock
     from mvp.cell.simulation_host import found_by_others, hosted
 
     loaded = load_cell(cell, accept_calibration=accept_calibration)
     loaded_task = load_task(loaded, task)
+    if not until_eof:
+        refuse_held(simulation_lock(loaded.source.path))
     with ExitStack() as stack:
-        simulation = stack.enter_context(hosted(loaded, loaded_task))
+        simulation = stack.enter_context(hosted(loaded, loaded_task, phase))
         if not until_eof:
             stack.enter_context(found_by_others(loaded, simulation))
         print("READY", simulation.model_dump_json(by_alias=True), flush=True)

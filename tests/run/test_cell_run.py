@@ -231,6 +231,8 @@ def test_ctrl_c_stops_the_devices_and_ends_the_run(
     device = {RunState.MOVING: "the arm", RunState.ADJUSTING: "the lens"}[state]
     assert told_first[1] == (result.document.may_still_move or "")
     assert not told_first[1] or told_first[1].startswith(device)
+    assert result.outcome.stands == result.document.stands == "arm and lens"
+    assert result.outcome.may_still_move == ""
     log = (result.folder.path / "log.jsonl").read_text()
     assert log.count("stopping arm, lens and camera") == 1
     records = result.folder.records()

@@ -79,6 +79,7 @@ def test_other_commands_find_it_and_ctrl_c_ends_it_with_its_children(
     _, words = process.communicate(timeout=60)
     assert process.returncode == 6, words
     assert "Traceback" not in words
+    assert "starting the far end of the arm ..." in words
     assert not [pid for pid in children if _alive(pid)]
 
 
@@ -97,6 +98,7 @@ def test_there_is_one_simulation_of_a_cell(
     )
     assert done.returncode == 2
     assert "is running on this cell" in done.stderr
+    assert "starting" not in done.stderr
 
 
 def test_a_virtual_cell_has_nothing_to_simulate(

@@ -30,6 +30,7 @@ def test_hints_name_the_cell_as_it_was_given_ready_to_be_pasted() -> None:
         "look; `mvp-cell recover 'my cell/cell.toml'` leads back, then "
         "`mvp-cell home 'my cell/cell.toml'`"
     )
+    assert named("`mvp-cell calibrate hand-eye CELL`", "x").endswith(" x`")
     assert named("a cell is a CELL", "x") == "a cell is a CELL"
     error = DeviceFault("x", device="arm", hint=hint)
     name_cell(error, r"a\1b")
