@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from calibration.wizard.part_page import page_of
 from calibration.wizard.part_result import (
     KEY,
     found_of,
@@ -90,7 +91,7 @@ class PartWizard:
 
     def page(self, store: SessionStore, outcome: Outcome) -> str:
         """The report of the located part; see ``Wizard``."""
-        return ""
+        return page_of(store, outcome)
 
 
 def _next(

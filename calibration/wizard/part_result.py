@@ -36,6 +36,8 @@ from mvp.wizard import Outcome
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from pydantic import JsonValue
+
     from calibration.part_pose import PartSight
     from calibration.projection import PinholeCamera
     from calibration.wizard.session_store import Sample, SessionStore
@@ -171,7 +173,7 @@ def outcome_of(store: SessionStore) -> Outcome:
 
 def remember_plan(store: SessionStore, views: Sequence[SightView]) -> None:
     """Keep what the result is compared with."""
-    rooms = [
+    rooms: list[JsonValue] = [
         PlannedRoom(
             name=view.name,
             part_from_camera=view.part_from_camera.matrix.tolist(),

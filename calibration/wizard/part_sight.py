@@ -168,7 +168,8 @@ def _fitted(
             f"only {everything.count} lines and holes of the part were found "
             f"({seen.found:.0%} of the expected length)",
         )
-    kept, left_out = counting.copy(), []
+    kept = counting.copy()
+    left_out: list[str] = []
     while True:
         stored = _stored(seen, kept, tuple(left_out))
         try:

@@ -171,7 +171,7 @@ def _candidate(
     rows = (by_q @ by_pose).reshape(-1, 6) / _SIGMA_PX
     own = rows.T @ rows
     blurred = np.linalg.inv(own + 1e-9 * _prior()) + _floor()
-    return _Candidate(view, np.linalg.inv(blurred))
+    return _Candidate(view, np.asarray(np.linalg.inv(blurred), np.float64))
 
 
 def _moved(arms_mm: FloatArray) -> FloatArray:

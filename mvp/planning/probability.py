@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from mvp.constraints import Kind
-    from mvp.geometry import FloatArray
+    from mvp.geometry import BoolArray, FloatArray
     from mvp.optics import Views
     from mvp.planning.problem import PlanningProblem
 
@@ -63,7 +63,7 @@ def linearised(
     value, gradient = rows.value[0], rows.gradient[0]
     root = root_of(error_covariance(problem, view))
 
-    def kept(which: FloatArray) -> float:
+    def kept(which: BoolArray) -> float:
         lever = gradient[which] @ root
         return 1.0 - union_probability(value[which], lever, rng, samples=samples)
 
@@ -89,7 +89,7 @@ def error_covariance(problem: PlanningProblem, view: Views) -> FloatArray:
     """Covariance (9, 9) of the error coordinates, as measured or else as stated."""
     if problem.errors is None:
         return np.asarray(np.diag(problem.uncertainty.sigma**2))
-    return problem.errors.covariance(view)[0]
+    return np.asarray(problem.errors.covariance(view)[0])
 
 
 def union_probability(
