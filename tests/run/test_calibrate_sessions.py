@@ -16,6 +16,7 @@ from mvp.cell.plan_job import prepare
 from mvp.cli.main import invoke
 from mvp.errors import StoppedByOperator
 from mvp.wizard import Allow, Ask, Say, Word
+from tests.distributions import install
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -68,14 +69,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A distribution that brings a wizard."""
     folder = tmp_path_factory.mktemp("site")
     (folder / "acme_probe_wizard.py").write_text(_PROBE)
-    info = folder / "acme_probe-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: acme-probe\nVersion: 1\n"
-    )
-    (info / "entry_points.txt").write_text(
-        "[mvp_cell.wizards]\nprobe = acme_probe_wizard:Probe\n"
-    )
+    wizards = "[mvp_cell.wizards]\nprobe = acme_probe_wizard:Probe\n"
+    install(folder, "acme-probe", "1.0", wizards)
     sys.path.insert(0, str(folder))
     yield folder
     sys.path.remove(str(folder))

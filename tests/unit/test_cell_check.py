@@ -13,6 +13,7 @@ from mvp.cell.check_devices import picture_item
 from mvp.cell.check_items import CheckedFrame
 from mvp.cell.places import bundled_root
 from mvp.cli.main import invoke
+from tests.distributions import install
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -108,11 +109,7 @@ def test_opencv_installed_twice_is_a_warning(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    info = tmp_path / "site" / "opencv_python-4.9.0.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: opencv-python\nVersion: 4.9.0\n"
-    )
+    install(tmp_path / "site", "opencv-python", "4.9.0")
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     item = items_of(checked(cell, capsys, 0))["OpenCV"]
     assert item["warning"]

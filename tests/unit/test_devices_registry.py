@@ -6,6 +6,7 @@ import pytest
 
 from mvp.devices import DeviceContext, list_drivers, load_driver, load_world
 from mvp.errors import ConfigError, PluginError
+from tests.distributions import install
 
 PLUGIN = """
 from mvp.fileedge import FileModel
@@ -32,17 +33,15 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "other_plugin.py").write_text(PLUGIN)
     (tmp_path / "broken_plugin.py").write_text("import no_such_sdk\n")
     (tmp_path / "crashing_plugin.py").write_text("1 / 0\n")
-    info = tmp_path / "other_plugin-2.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: other-plugin\nVersion: 2.0\n"
-    )
-    (info / "entry_points.txt").write_text(
+    install(
+        tmp_path,
+        "other-plugin",
+        "2.0",
         "[mvp_cell.drivers]\n"
         "other-lens = other_plugin:OtherLens\n"
         "half-lens = other_plugin:Incomplete\n"
         "sdk-lens = broken_plugin:Lens\n"
-        "crash-lens = crashing_plugin:Lens\n"
+        "crash-lens = crashing_plugin:Lens\n",
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     return tmp_path

@@ -9,6 +9,7 @@ from mvp.cell.init_job import copy_cell
 from mvp.cell.loading import load_cell
 from mvp.errors import ConfigError, PluginError
 from mvp.kinematics import ARM_MODELS, arm_model, arm_model_names
+from tests.distributions import install
 
 PLUGIN = """
 from mvp.kinematics import arm_model
@@ -28,17 +29,15 @@ def crash():
 def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another distribution with a good, an incomplete and a broken arm model."""
     (tmp_path / "acme_arms.py").write_text(PLUGIN)
-    info = tmp_path / "acme_arms-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: acme-arms\nVersion: 1.0\n"
-    )
-    (info / "entry_points.txt").write_text(
+    install(
+        tmp_path,
+        "acme-arms",
+        "1.0",
         "[mvp_cell.arm_models]\n"
         "acme_taller = acme_arms:taller\n"
         "acme_half = acme_arms:half\n"
         "acme_crash = acme_arms:crash\n"
-        "acme_missing = acme_legs:model\n"
+        "acme_missing = acme_legs:model\n",
     )
     monkeypatch.syspath_prepend(str(tmp_path))
 
