@@ -101,10 +101,7 @@ def load_world(kind: str) -> WorldClass:
     Raises:
         PluginError: unknown, foreign or broken.
     """
-    world = _load(_find(WORLDS, kind, "world"))
-    if not hasattr(world, "Config") or not hasattr(world, "from_config"):
-        raise PluginError(f"world {kind!r} has no Config or no from_config")
-    return cast("WorldClass", world)
+    return cast("WorldClass", _configurable(WORLDS, kind, "world"))
 
 
 def load_simulator(kind: str) -> SimulatorClass:
@@ -113,10 +110,7 @@ def load_simulator(kind: str) -> SimulatorClass:
     Raises:
         PluginError: unknown, foreign or broken.
     """
-    simulator = _load(_find(SIMULATORS, kind, "simulator"))
-    if not hasattr(simulator, "Config") or not hasattr(simulator, "from_config"):
-        raise PluginError(f"simulator {kind!r} has no Config or no from_config")
-    return cast("SimulatorClass", simulator)
+    return cast("SimulatorClass", _configurable(SIMULATORS, kind, "simulator"))
 
 
 def _entries(group: str) -> list[EntryPoint]:
@@ -142,6 +136,14 @@ def _find(group: str, key: str, what: str) -> EntryPoint:
         f"unknown {what} {key!r}",
         hint=f"{hint}installed: {', '.join(names) or 'none'}",
     )
+
+
+def _configurable(group: str, kind: str, what: str) -> object:
+    """Something that is built from a table of the cell file."""
+    found = _load(_find(group, kind, what))
+    if not hasattr(found, "Config") or not hasattr(found, "from_config"):
+        raise PluginError(f"{what} {kind!r} has no Config or no from_config")
+    return found
 
 
 def _load(entry: EntryPoint) -> object:
