@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mvp.cell.cell_config import CellConfig
 from mvp.cell.places import bundled_root
 from mvp.cell.schemas import all_schemas
 from mvp.cell.task_config import TaskConfig
@@ -135,6 +136,41 @@ def test_several_problems_come_in_one_message_in_file_order(tmp_path: Path) -> N
     assert "resolution.pixels" in first
     assert "resolution.colour" in second
     assert first.startswith(caught.value.where)
+
+
+CELL = bundled_root() / "simulated_gantry" / "cell.toml"
+
+
+def refusal_of(path: Path, text: str) -> ConfigError:
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        validated(read_toml(path), CellConfig)
+    return caught.value
+
+
+def test_a_check_over_several_tables_points_at_the_one_that_it_names(
+    tmp_path: Path,
+) -> None:
+    text = CELL.read_text().replace("[simulators.lens]", "[simulators.none]")
+    text = text.replace('kind = "scf4"', "").replace("speed_scale = 3\n", "")
+    text = text.replace("[simulators.none]", "")
+    line = 2 + text[: text.index("\n[simulators.arm]")].count("\n")
+    error = refusal_of(tmp_path / "cell.toml", text)
+    assert error.where == f"{tmp_path / 'cell.toml'}:{line}"
+    assert f"cell.toml:{line}: [simulators] stand for arm, lens and camera" in str(
+        error
+    )
+
+
+def test_what_is_nowhere_in_a_file_is_located_at_the_file_alone(tmp_path: Path) -> None:
+    text = CELL.read_text().replace("default_task", "# default_task")
+    error = refusal_of(tmp_path / "cell.toml", text)
+    assert error.where == str(tmp_path / "cell.toml")
+    assert str(error).endswith("cell.toml: default_task: this key is missing")
+    text = CELL.read_text().replace("simulated = true", "simulated = false")
+    error = refusal_of(tmp_path / "cell.toml", text)
+    assert "cell.toml:1:" not in str(error)
+    assert ": [world] is the truth of a simulated cell" in str(error)
 
 
 def test_the_published_schemas_fit_the_code() -> None:
