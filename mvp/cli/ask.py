@@ -23,6 +23,7 @@ def allow_motion(motion: Motion, *, yes: bool) -> bool:
         return True
     if yes:
         _refuse_unseen(motion)
+        _tell_homing(motion)
         return True
     if not terminal():
         raise UsageError(
@@ -31,10 +32,8 @@ def allow_motion(motion: Motion, *, yes: bool) -> bool:
             where=motion.cell,
         )
     models = ", ".join(info.model for info in motion.infos.values())
-    first = ""
-    if motion.homing is not None:
-        first = "find its references, then "
-        console().print(motion.homing.words, style="bold yellow", markup=False)
+    first = "find its references, then " if motion.homing is not None else ""
+    _tell_homing(motion)
     console().print(
         f"{motion.cell} ({models}) will {first}{_errand(motion)}. "
         "Keep clear and keep a hand on the emergency stop.",
@@ -48,6 +47,12 @@ def _errand(motion: Motion) -> str:
     if motion.errand:
         return motion.errand
     return "move to 1 place" if motion.views == 1 else f"move to {motion.views} places"
+
+
+def _tell_homing(motion: Motion) -> None:
+    """What moves where before anything else, and what is only believed."""
+    if motion.homing is not None:
+        console().print(motion.homing.words, style="bold yellow", markup=False)
 
 
 def _refuse_unseen(motion: Motion) -> None:

@@ -158,8 +158,11 @@ def test_nothing_but_yes_allows_it(
     assert not asked_about(motion, monkeypatch, answer)
 
 
-def test_yes_on_the_command_line_cannot_say_where_an_axis_stands() -> None:
+def test_yes_on_the_command_line_cannot_say_where_an_axis_stands(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert asking.allow_motion(a_motion(Homing("It moves.")), yes=True)
+    assert "It moves." in capsys.readouterr().err
     with pytest.raises(UsageError, match="A of cell are counted away"):
         asking.allow_motion(a_motion(Homing("It moves.", ("A",))), yes=True)
 
