@@ -265,10 +265,12 @@ def _telling_views(
     lookout: Lookout, setting: Setting, most: int
 ) -> Generator[Step, Answer, Word | None]:
     """Views until the expected error meets the bar and the picture is covered."""
-    store, failures = lookout.store, 0
+    store, failures, shown = lookout.store, 0, -1
     while len(store.usable()) < most and failures < _FAILURES:
         progress = Progress.now(lookout, setting)
-        yield _covered(progress)
+        if shown != store.count:
+            shown = store.count
+            yield _covered(progress)
         missing = _missing(progress)
         if not missing:
             return None
@@ -306,17 +308,17 @@ def _chosen(
     progress: Progress, views: TargetViews, missing: str
 ) -> tuple[Goal, str] | str:
     """Where to go and why; a reason where there is nowhere."""
-    count = len(progress.lookout.store.usable())
+    number = progress.lookout.store.next_number
     goal = _goals(progress, views)
     if missing == "fields":
         flat = Knowledge(np.eye(1), np.eye(1))
         found = choose(flat, progress.new_fields(views), goal)
-        words = f"to view {count + 1}: for the empty fields of the picture"
+        words = f"to view {number}: for the empty fields of the picture"
     else:
         more = progress.information(views)
         found = choose(progress.knowledge, more, goal)
         left = views_until(progress.knowledge, more, _bar_mm(progress))
-        words = f"to view {count + 1}{_outlook(left)}"
+        words = f"to view {number}{_outlook(left)}"
     return found.reason if isinstance(found, NoView) else (found.place, words)
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 LENS_SETTING = "lens_setting"
 FEWEST = 3
 _NORMAL_95 = 1.96
-_WHAT = "where points are seen, by the other points of the same view,"
+_WHAT = "a point's place by the others of its view"
 
 
 def setting_of(store: SessionStore) -> Setting:
