@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray
 
 _ENDS = (0.22, 0.78)
-_MOST_EDGES = 64
+_MOST_EDGES = 40
 _WIDEST_PX, _NARROWEST_PX = 12.0, 2.5
 _BANDS = 2
 _ROUNDS = 9

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 Way: TypeAlias = Literal["per-node", "global"]
 
 _LEAST_FILL = 0.4
+_NEAREST_SHARP = 1.5
 _IMPROBABLE = 1e-3
 _HIGHEST_DEGREE = 4
 
@@ -145,12 +146,28 @@ def _check(seen: NodeSet, e_prior_mm: tuple[float, float] | None) -> None:
             f"no sharp-focus distance was measured at zoom {steps}",
             hint="sweep the distance or the focus for best contrast at each zoom",
         )
+    _check_units(seen)
     unknowns = len(seen.zoom_steps) + len(seen.focus_steps) + 1
     facts = len(seen) + len(rows) + (e_prior_mm is not None)
     if facts < unknowns:
         raise CalibrationError(
             f"{unknowns} unknowns of the lens from {facts} measurements",
             hint="measure the sharp-focus distance at more focus settings",
+        )
+
+
+def _check_units(seen: NodeSet) -> None:
+    """A sharp place is never as near as the sensor."""
+    rows, sharp, _ = seen.measured("sharp_mm")
+    f_cal = seen.values[rows, 0]
+    wrong = sharp < _NEAREST_SHARP * f_cal
+    if wrong.any():
+        node, index = seen.nodes[rows[wrong][0]], int(np.flatnonzero(wrong)[0])
+        raise CalibrationError(
+            f"at zoom {node.zoom}, focus {node.focus} the sharp distance is "
+            f"{sharp[index]:.4g} mm and the principal distance {f_cal[index]:.4g} mm: "
+            "one of them is in another unit",
+            hint="give sharp distances and the pixel pitch in millimetres",
         )
 
 

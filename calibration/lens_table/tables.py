@@ -44,6 +44,10 @@ class Conditions:
     def __post_init__(self) -> None:
         if (self.temperature_c is None) != (self.source == "unknown"):
             raise ValueError("a temperature needs a source, and a source a temperature")
+        if self.temperature_c is not None and not np.isfinite(self.temperature_c):
+            raise ValueError("a temperature is finite, or None when unknown")
+        if not (self.range_k > 0 and np.isfinite(self.range_k)):
+            raise ValueError("the range above and below is positive and finite")
 
     @property
     def interval_c(self) -> tuple[float, float] | None:

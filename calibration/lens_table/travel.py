@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 _OPTIONS = FitOptions(most_steps=60, tolerance=1e-6)
 _LEAST_GROWTH = 0.01
 _FLAT_MOVES = 0.05
+_NARROWEST = (0.1, 200.0)
 _LENS_NAMES = ("f_px", "cx_px", "cy_px", "k1")
 
 
@@ -203,6 +204,7 @@ def _start(shots: TravelShots, prior: TravelPrior) -> TravelState:
             f"the target changed its size by {100 * growth:.1f} % over the travel",
             hint="travel towards the target, by a fifth of its distance or more",
         )
+    _check_units(1 / abs(float(slope)), shots)
     foe = np.array([np.polyfit(size, middles[:, i], 1)[1] for i in range(2)])
     sense = -np.sign(slope)
     f = 1 / abs(slope)
@@ -220,6 +222,17 @@ def _start(shots: TravelShots, prior: TravelPrior) -> TravelState:
         np.zeros((count, 3)),
         np.tile(np.eye(3), (count, 1, 1)),
     )
+
+
+def _check_units(f_px: float, shots: TravelShots) -> None:
+    """The field of view that follows is that of a lens."""
+    reach = float(np.ptp(shots.pixels.reshape(-1, 2), axis=0).max())
+    if not _NARROWEST[0] * reach < f_px < _NARROWEST[1] * reach:
+        raise CalibrationError(
+            f"a principal distance of {f_px:.3g} px follows from the travel, with points "
+            f"over {reach:.0f} px: travel and target are in different units",
+            hint="give the travel and the target's squares in millimetres",
+        )
 
 
 def _size_at_origin(matrix: FloatArray, aspect: float) -> float:

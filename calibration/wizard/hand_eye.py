@@ -19,6 +19,7 @@ from calibration.wizard.hand_eye_result import (
     SIGMA_PX,
     camera_prior,
     outcome_of,
+    page_of,
     robot_of,
     setting_of,
 )
@@ -82,8 +83,8 @@ class HandEyeWizard:
         return outcome_of(store)
 
     def page(self, store: SessionStore, outcome: Outcome) -> str:
-        """No report of its own yet when none is installed; see ``Wizard``."""
-        return ""
+        """The report; see ``Wizard``."""
+        return page_of(store, outcome)
 
 
 def _before(facts: SessionFacts, setting: Setting) -> Generator[Step, Answer, None]:

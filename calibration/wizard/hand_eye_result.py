@@ -17,6 +17,7 @@ from calibration.hand_eye import (
     hand_eye_calibration,
 )
 from calibration.poses import Poses, difference, only
+from calibration.report import about_session, hand_eye_report, render_report
 from calibration.verdict import Verdict
 from calibration.wizard.lookout import camera_at, target_of
 from calibration.wizard.provenance import provenance_of, validity_of
@@ -67,7 +68,7 @@ def outcome_of(store: SessionStore) -> Outcome:
         data, camera_prior(facts, setting), robot_of(facts), limits
     )
     if result.solution is None:
-        return _nothing(result)
+        return _nothing(result, data)
     result = _with_scale(result, data, setting, facts, limits)
     held = _held_out(store, result)
     verdict = Verdict((*result.verdict.causes, *held.causes()))
@@ -154,7 +155,7 @@ def _told(
 ) -> Outcome:
     facts, solution = store.facts, result.solution
     if solution is None:
-        return _nothing(result)
+        return _nothing(result, data)
     lens = facts.lens_at(setting.by_name)
     stand_off = setting.stand_off_mm(facts)
     document = hand_eye_calibration(
@@ -189,9 +190,29 @@ def _told(
     )
 
 
-def _nothing(result: HandEyeResult) -> Outcome:
+def page_of(store: SessionStore, outcome: Outcome) -> str:
+    """The report of a result, also of one without a transform."""
+    result, data = outcome.details["result"], outcome.details["data"]
+    if not (isinstance(result, HandEyeResult) and isinstance(data, HandEyeData)):
+        raise TypeError("not the outcome of a hand-eye session")
+    stand_off = setting_of(store).stand_off_mm(store.facts)
+    page = hand_eye_report(
+        result,
+        data,
+        about_session(store, outcome.document, distance_mm=stand_off),
+        robot=robot_of(store.facts),
+        stand_off_mm=stand_off,
+    )
+    held = outcome.details.get("verification")
+    words = (held.words,) if isinstance(held, Verification) else ()
+    return render_report(replace(page, notes=(*page.notes, *words)))
+
+
+def _nothing(result: HandEyeResult, data: HandEyeData) -> Outcome:
     verdict = result.verdict
     quality = Quality(
         verdict="no-go", reasons=verdict.reasons, next_action=verdict.next_action
     )
-    return Outcome(KEY, None, quality, tuple(verdict.reasons), {"result": result})
+    return Outcome(
+        KEY, None, quality, tuple(verdict.reasons), {"result": result, "data": data}
+    )

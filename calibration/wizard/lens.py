@@ -1,0 +1,241 @@
+"""The lens wizard: what the motors of a lens do, from pictures of a target.
+
+Play of the motors first; then tilted views at settings of zoom and focus, chosen by what
+they tell about d; the sharp distance of each from how the edges blur over depth; the
+pupil at several irises; and held-out views at settings between all of these.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from calibration.wizard.lens_motors import best_node, both_sides, iris_views, plan_sides
+from calibration.wizard.lens_nodes import NODE, NodeSession, samples_of, tilted_views
+from calibration.wizard.lens_page import page_of
+from calibration.wizard.lens_plan import Grid, between, node_at, plan_nodes
+from calibration.wizard.lens_result import (
+    KEY,
+    PLAN,
+    TEMPERATURE,
+    VERIFICATION,
+    outcome_of,
+    plan_of,
+)
+from calibration.wizard.lookout import Lookout, camera_at, target_of
+from calibration.wizard.next_pose import NoView, ViewRange, candidate_views, first_of
+from calibration.wizard.session_store import Sample, SessionStore
+from mvp.errors import CalibrationError
+from mvp.wizard import Ask, Outcome, Refusal, Say, Word
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from calibration.wizard.lens_plan import NodePlan
+    from mvp.wizard import Answer, Bench, Step, WizardOptions
+
+_DISTANCES_MM = np.geomspace(110.0, 900.0, 16)
+_PLACES, _FEWEST_PLACES = 10, 2
+_HELD_OUT_SETTINGS, _HELD_OUT_VIEWS, _MOST_FAILURES = 2, 2, 6
+_COLD, _HOT = -40.0, 90.0
+
+
+class LensWizard:
+    """``mvp-cell calibrate lens``.
+
+    Args:
+        grid: how many settings of each motor.
+    """
+
+    key: ClassVar[str] = KEY
+    writes: ClassVar[str] = "lens_table"
+    sessions: ClassVar[type[SessionStore]] = SessionStore
+
+    def __init__(self, grid: Grid | None = None) -> None:
+        self._grid = grid or Grid()
+
+    def steps(
+        self, bench: Bench, store: SessionStore, options: WizardOptions
+    ) -> Generator[Step, Answer, Outcome]:
+        """Play, nodes, iris, held-out settings; see ``Wizard``."""
+        lookout = Lookout(bench, store)
+        yield from _temperature(store)
+        plans = yield from _planned(lookout, self._grid)
+        word = yield from _play(lookout, plans)
+        for number, plan in enumerate(plans):
+            if word is Word.FINISH:
+                break
+            bench.set_lens(**plan.steps)
+            word = yield from tilted_views(lookout, plan, number / len(plans))
+        if word is not Word.FINISH:
+            word = yield from iris_views(lookout, plans, self._grid.irises)
+        if word is not Word.FINISH:
+            yield from _held_out(lookout, plans)
+        return self.outcome(store)
+
+    def outcome(self, store: SessionStore) -> Outcome:
+        """From the folder alone; see ``Wizard``."""
+        return outcome_of(store)
+
+    def page(self, store: SessionStore, outcome: Outcome) -> str:
+        """The report; see ``Wizard``."""
+        return page_of(store, outcome)
+
+
+def _temperature(store: SessionStore) -> Generator[Step, Answer, None]:
+    """From the device, else from the operator, else unknown, which is said."""
+    if store.facts.temperature_c is not None or store.recall(TEMPERATURE) is not None:
+        return
+    told = yield Ask(
+        TEMPERATURE,
+        "temperature of the lens in deg C, or unknown",
+        "text",
+        "unknown",
+    )
+    try:
+        value = float(str(told).replace(",", "."))
+    except ValueError:
+        value = float("nan")
+    if _COLD < value < _HOT:
+        store.remember(TEMPERATURE, value)
+        return
+    store.remember(TEMPERATURE, "unknown")
+    yield Say(
+        "the temperature is unknown: a later change of it cannot be noticed", "warning"
+    )
+
+
+def _planned(
+    lookout: Lookout, grid: Grid
+) -> Generator[Step, Answer, tuple[NodePlan, ...]]:
+    """The settings of the session; planned once."""
+    store = lookout.store
+    target_of(store.facts)
+    if not plan_of(store):
+        reach = _reach_mm(lookout)
+        plans = plan_nodes(store.facts, grid, reach)
+        rows = [[p.zoom, p.focus, p.iris, p.sharp_mm] for p in plans]
+        store.remember(PLAN, rows)  # type: ignore[arg-type]
+        yield Say(
+            f"the target can be seen from {reach[0]:.0f} to {reach[1]:.0f} mm: "
+            f"{len(plans)} settings of zoom and focus are sharp there"
+        )
+    return plan_of(store)
+
+
+def _reach_mm(lookout: Lookout) -> tuple[float, float]:
+    """Distances from which the arm can look at the target.
+
+    Raises:
+        CalibrationError: from none.
+    """
+    facts = lookout.facts
+    table = facts.table
+    middle = [int(np.mean(axis.range_steps)) for axis in (table.zoom, table.focus)]
+    plan = node_at(facts, *middle)
+    lens = facts.lens_at(plan.steps)
+    camera = camera_at(facts, lens)
+    aim = lookout.aim([s for s in lookout.store.samples if s.usable], lens.d_mm)
+    able = []
+    for distance in _DISTANCES_MM:
+        within = ViewRange(
+            0.97 * distance, 1.03 * distance, tilt_rad=0.5, share=0.0, fill=0.0
+        )
+        views = candidate_views(
+            camera,
+            lookout.size_px,
+            lookout.points_mm,
+            within,
+            lookout.bench.rng(0),
+            count=_PLACES,
+        )
+        poses = aim.tool_for(views.camera_from_target)
+        believed = facts.tool_from_camera(lens.d_mm)
+        stands = 0
+        for k in range(len(views)):
+            pose = poses.pose(k, "base", "tool") @ believed
+            found = lookout.bench.joints_for(pose, d_mm=lens.d_mm)
+            stands += not isinstance(found, Refusal)
+        if stands >= _FEWEST_PLACES:
+            able.append(float(distance))
+    if not able:
+        raise CalibrationError(
+            "the arm cannot look at the target from anywhere",
+            hint="place the target within reach, and correct [target] of the cell file",
+            where=facts.cell,
+        )
+    return min(able), max(able)
+
+
+def _play(
+    lookout: Lookout, plans: tuple[NodePlan, ...]
+) -> Generator[Step, Answer, Word | None]:
+    if not lookout.bench.drives_straight:
+        yield Say(
+            "this lens cannot be driven without a run-up: its play is not measured",
+            "warning",
+        )
+        return None
+    facts = lookout.facts
+    word = yield from both_sides(
+        lookout, best_node(facts, plans), plan_sides(facts, plans)
+    )
+    return word
+
+
+def _held_out(
+    lookout: Lookout, plans: tuple[NodePlan, ...]
+) -> Generator[Step, Answer, None]:
+    """Two views at each of some settings that are no nodes."""
+    yield Say("held-out settings: they take no part in the table, and test it")
+    for plan in held_out_settings(lookout, plans):
+        lookout.bench.set_lens(**plan.steps)
+        failures = 0
+        while failures < _MOST_FAILURES:
+            mine = samples_of(lookout.store.usable(VERIFICATION), plan.zoom, plan.focus)
+            if len(mine) >= _HELD_OUT_VIEWS:
+                break
+            sample = yield from _one_held_out(lookout, plan, len(mine) + 1)
+            if sample is Word.FINISH:
+                return
+            failures += not (isinstance(sample, Sample) and sample.usable)
+
+
+def _one_held_out(
+    lookout: Lookout, plan: NodePlan, number: int
+) -> Generator[Step, Answer, Sample | Word | None]:
+    session = NodeSession.now(lookout, plan)
+    views, _ = session.candidates()
+    tilt = views.camera_from_target.rotation[:, 2, 2]
+    order = np.argsort(np.abs(tilt - np.cos(np.radians(30))), kind="stable")
+    found = first_of(len(order), lambda k: session.goal(views, int(order[k])))
+    if isinstance(found, NoView):
+        yield Say(f"{plan.name}: {found.reason}", "warning")
+        return Word.FINISH
+    sample = yield from lookout.take(
+        found,
+        name=f"held-out {plan.name} view {number}",
+        role=VERIFICATION,
+        words=f"to held-out view {number} at {plan.name}",
+    )
+    if sample is Word.UNDO:
+        lookout.store.undo()
+    return sample
+
+
+def held_out_settings(lookout: Lookout, plans: tuple[NodePlan, ...]) -> list[NodePlan]:
+    """Half-way between nodes in zoom and in focus, where both are sharp in reach."""
+    facts = lookout.facts
+    low, high = min(p.sharp_mm for p in plans), max(p.sharp_mm for p in plans)
+    every = [
+        node_at(facts, zoom, focus)
+        for zoom in between([p.zoom for p in plans])
+        for focus in between([p.focus for p in plans])
+    ]
+    good = [plan for plan in every if low <= plan.sharp_mm <= high]
+    count = min(_HELD_OUT_SETTINGS, len(good))
+    return [good[round(k)] for k in np.linspace(0, len(good) - 1, count)]
+
+
+__all__ = ["NODE", "LensWizard", "held_out_settings"]

@@ -1,0 +1,60 @@
+"""The page of a lens session."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from calibration.lens_table import LensTables
+from calibration.report import (
+    about_session,
+    lens_report,
+    refused_report,
+    render_report,
+)
+from calibration.wizard.verification import Verification
+from mvp.errors import CalibrationError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from calibration.camera import CameraEstimate
+    from calibration.observations import Observations
+    from calibration.wizard.session_store import SessionStore
+    from mvp.wizard import Outcome
+
+    Pictures = Sequence[tuple[CameraEstimate, Observations]]
+
+
+def page_of(store: SessionStore, outcome: Outcome) -> str:
+    """The report of a result, or of what is missing for one."""
+    facts = store.facts
+    tables = outcome.details.get("tables")
+    if not isinstance(tables, LensTables):
+        raise TypeError("not the outcome of a lens session")
+    distance = facts.working_mm or _middle_mm(tables)
+    about = about_session(store, outcome.document, distance_mm=distance)
+    if tables.table is None:
+        why = CalibrationError(
+            "; ".join(outcome.quality.reasons), hint=outcome.quality.next_action
+        )
+        return render_report(refused_report("lens", why, about))
+    pictures = cast("Pictures", outcome.details.get("pictures", ()))
+    data = lens_report(
+        tables,
+        about,
+        sensor=facts.sensor,
+        distance_mm=distance,
+        pictures=pictures,
+    )
+    held = outcome.details.get("verification")
+    words = (held.words,) if isinstance(held, Verification) else ()
+    return render_report(replace(data, notes=(*data.notes, *words)))
+
+
+def _middle_mm(tables: LensTables) -> float:
+    """Where the nodes were sharp, in the middle."""
+    _, distances, _ = tables.fit.seen.measured("sharp_mm")
+    return float(np.median(distances))

@@ -1,0 +1,423 @@
+"""From the samples of a lens session to the table, verified at settings of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from calibration.camera import CameraOptions, calibrate_camera
+from calibration.camera_start import poses_with
+from calibration.lens_table import (
+    AxisNodes,
+    Conditions,
+    LensIdentity,
+    LensMeasurements,
+    LensNode,
+    LensTables,
+    Measured,
+    PixelGrid,
+    best_curve,
+    build_tables,
+    calibration_file,
+    judge_lens,
+    measure_aperture,
+    node_from_views,
+    separate,
+)
+from calibration.lens_table.edge_blur import EdgeBlurs, edge_blurs, optics_of
+from calibration.lens_table.sharpness import blur_shots, sharp_place
+from calibration.verdict import Verdict
+from calibration.wizard.lens_motors import IRIS, hysteresis_of, plan_sides
+from calibration.wizard.lens_nodes import NODE, samples_of
+from calibration.wizard.lens_plan import NodePlan
+from calibration.wizard.lookout import layout_of, target_of
+from calibration.wizard.provenance import provenance_of
+from calibration.wizard.verification import HeldOutView, Verification
+from mvp.calibrated import LensTableCalibration, Quality, VerdictCause
+from mvp.errors import CalibrationError
+from mvp.optics import principal_distance_mm
+from mvp.wizard import Outcome
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from calibration.camera import CameraEstimate
+    from calibration.lens_table import LensFit
+    from calibration.observations import Observations
+    from calibration.projection import PinholeCamera
+    from calibration.wizard.session_store import Sample, SessionStore
+    from mvp.geometry import FloatArray
+
+KEY = "lens"
+PLAN, TEMPERATURE = "nodes", "temperature_c"
+VERIFICATION = "verification"
+_LEAST_VIEWS = 3
+_WHAT = "the principal distance at settings between the nodes"
+_AIRY_SIGMA = 1.0290 / (2 * np.sqrt(2 * np.log(2)))
+_A_FLOOR = 0.004
+_CENTRE_PX, _K1 = 0.3, 0.003
+
+
+@dataclass(frozen=True, eq=False)
+class NodeResult:
+    """One node as measured.
+
+    Attributes:
+        node: for the table.
+        found: the camera fit, with the poses of the views.
+        seen: what it was made from.
+        samples: the pictures.
+    """
+
+    node: LensNode
+    found: CameraEstimate
+    seen: Observations
+    samples: tuple[Sample, ...]
+
+
+def plan_of(store: SessionStore) -> tuple[NodePlan, ...]:
+    """The nodes of the session, as they were planned."""
+    known = store.recall(PLAN)
+    rows = known if isinstance(known, list) else []
+    plans = []
+    for row in rows:
+        zoom, focus, iris, sharp = cast("list[float]", row)
+        plans.append(NodePlan(int(zoom), int(focus), int(iris), float(sharp)))
+    return tuple(plans)
+
+
+def outcome_of(store: SessionStore) -> Outcome:
+    """The result of a session.
+
+    Raises:
+        CalibrationError: too little was measured to make a table; says what is missing.
+    """
+    facts = store.facts
+    nodes = [found for plan in plan_of(store) if (found := node_of(store, plan))]
+    if not nodes:
+        raise CalibrationError(
+            "no lens setting was measured with three usable views or more",
+            hint="check the light, and where [target] of the cell file says it lies",
+            where=str(store.path),
+        )
+    fit = separate([one.node for one in nodes])
+    iris = irises_of(store, nodes, fit)
+    model = facts.lens_table
+    measured = LensMeasurements(
+        [one.node for one in nodes],
+        iris,
+        facts.blur_circle_mm,
+        approach={
+            "zoom": model.zoom_f_mm.approach,
+            "focus": model.focus_extension_mm.approach,
+            "iris": model.iris_a_mm.approach,
+        },
+        hysteresis=hysteresis_of(store, plan_sides(facts, plan_of(store))),
+        conditions=_conditions(store),
+    )
+    tables = build_tables(measured)
+    if tables.table is None:
+        return _nothing(tables, nodes)
+    held = verified(store, tables, nodes)
+    return _told(store, tables, nodes, held)
+
+
+def node_of(store: SessionStore, plan: NodePlan) -> NodeResult | None:
+    """One node from its views; None with too few of them."""
+    samples = samples_of(store.usable(NODE), plan.zoom, plan.focus)
+    if len(samples) < _LEAST_VIEWS:
+        return None
+    sensor = store.facts.sensor
+    seen = store.observations(samples)
+    node, found = node_from_views(
+        seen,
+        (plan.zoom, plan.focus),
+        PixelGrid(sensor.pitch_x_mm, sensor.pitch_y_mm),
+        folds=0,
+    )
+    blurs = [
+        blur_of(
+            store,
+            sample,
+            found.camera,
+            (found.state.rotation[k], found.state.translation_mm[k]),
+        )
+        for k, sample in enumerate(samples)
+    ]
+    target = target_of(store.facts)
+    try:
+        sharp = sharp_place(
+            EdgeBlurs.joined(blurs),
+            node.f_cal_mm,
+            sensor.pitch_y_mm,
+            scale_sigma=target.square_sigma_mm / target.square_mm,
+        ).distance_mm
+    except CalibrationError:
+        sharp = None
+    return NodeResult(replace(node, sharp_mm=sharp), found, seen, samples)
+
+
+def blur_of(
+    store: SessionStore,
+    sample: Sample,
+    camera: PinholeCamera,
+    pose: tuple[FloatArray, FloatArray],
+) -> EdgeBlurs:
+    """Blur of the edges in a stored picture."""
+    facts = store.facts
+    pitch = facts.sensor.pitch_y_mm
+    picture = store.image(sample)
+    grey = picture if picture.dtype == np.uint8 else picture / (sample.full_scale / 255)
+    a_mm = facts.lens_at(sample.lens_steps).a_mm
+    optics = optics_of(
+        camera.fy_px * pitch, a_mm, pitch_mm=pitch, lambda_mm=facts.wavelength_mm
+    )
+    return edge_blurs(
+        grey.astype(np.uint8), layout_of(target_of(facts)), camera, pose, optics
+    )
+
+
+def irises_of(
+    store: SessionStore, nodes: Sequence[NodeResult], fit: LensFit
+) -> dict[int, Measured]:
+    """The pupil at every iris that was looked at.
+
+    How far out of focus an edge is follows from the lens as just fitted.
+    """
+    steps = sorted({sample.lens_steps["iris"] for sample in store.usable(IRIS)})
+    found: dict[int, Measured] = {}
+    for step in steps:
+        samples = [s for s in store.usable(IRIS) if s.lens_steps["iris"] == step]
+        try:
+            found[step] = _pupil(store, samples, nodes, fit)
+        except CalibrationError:
+            continue
+    return found
+
+
+def _pupil(
+    store: SessionStore,
+    samples: Sequence[Sample],
+    nodes: Sequence[NodeResult],
+    fit: LensFit,
+) -> Measured:
+    facts = store.facts
+    pitch = facts.sensor.pitch_y_mm
+    focus = best_curve(AxisNodes(fit.seen.focus_steps, fit.x_mm, fit.x_sigma_mm))
+    blurs, defocus, spot = [], [], 0.0
+    for sample in samples:
+        zoom = int(np.argmin(np.abs(fit.seen.zoom_steps - sample.lens_steps["zoom"])))
+        f = float(fit.f_mm[zoom])
+        x = float(
+            np.interp(sample.lens_steps["focus"], focus.table_steps, focus.table_mm)
+        )
+        f_cal = float(principal_distance_mm(f + x, f, fit.e_mm))
+        camera = _like(nodes, sample, f_cal / facts.sensor.pitch_x_mm)
+        pose = poses_with(camera, store.observations([sample]))
+        one = blur_of(store, sample, camera, (pose.rotation[0], pose.translation_mm[0]))
+        blurs.append(one)
+        defocus.append(x / f - f_cal / one.depth_mm)
+        a_mm = facts.lens_at(sample.lens_steps).a_mm
+        spot = _AIRY_SIGMA * facts.wavelength_mm * f_cal / a_mm / pitch
+    shots = blur_shots(
+        EdgeBlurs.joined(blurs),
+        np.concatenate(defocus),
+        pitch_mm=pitch,
+        diffraction_px=spot,
+    )
+    result = measure_aperture(shots)
+    sigma = float(np.hypot(result.a_sigma_mm, _A_FLOOR * result.a_mm))
+    return Measured(result.a_mm, sigma)
+
+
+def _like(nodes: Sequence[NodeResult], sample: Sample, f_px: float) -> PinholeCamera:
+    """The camera of the nearest node with another principal distance."""
+    zoom, focus = sample.lens_steps["zoom"], sample.lens_steps["focus"]
+    near = min(
+        nodes, key=lambda n: (abs(n.node.zoom - zoom), abs(n.node.focus - focus))
+    )
+    camera = near.found.camera
+    ratio = camera.fy_px / camera.fx_px
+    return replace(camera, fx_px=f_px, fy_px=f_px * ratio)
+
+
+def _conditions(store: SessionStore) -> Conditions:
+    if store.facts.temperature_c is not None:
+        return Conditions(store.facts.temperature_c, "device")
+    told = store.recall(TEMPERATURE)
+    if isinstance(told, float):
+        return Conditions(told, "operator")
+    return Conditions()
+
+
+# ------------------------------------------------------------------- held-out views
+
+
+def verified(
+    store: SessionStore, tables: LensTables, nodes: Sequence[NodeResult]
+) -> Verification:
+    """The principal distance at settings between the nodes, foretold and measured."""
+    samples = store.usable(VERIFICATION)
+    settings = sorted({(s.lens_steps["zoom"], s.lens_steps["focus"]) for s in samples})
+    views = []
+    for zoom, focus in settings:
+        mine = samples_of(samples, zoom, focus)
+        if len(mine) >= 2:
+            views.append(_foretold(store, tables, nodes, mine))
+    return Verification(_WHAT, tuple(views))
+
+
+def _foretold(
+    store: SessionStore,
+    tables: LensTables,
+    nodes: Sequence[NodeResult],
+    samples: tuple[Sample, ...],
+) -> HeldOutView:
+    if tables.table is None:
+        raise ValueError("only a table can foretell")
+    steps, sensor = samples[0].lens_steps, store.facts.sensor
+    iris = tables.table.iris.range_steps[0]
+    lens = tables.table.setting(steps["zoom"], steps["focus"], iris)
+    wanted = float(principal_distance_mm(lens.d_mm, lens.f_mm, lens.e_mm))
+    found = calibrate_camera(
+        store.observations(samples),
+        CameraOptions(
+            free=("fx_px", "fy_px", "cx_px", "cy_px", "k1"),
+            tied_focal=True,
+            aspect=sensor.pitch_x_mm / sensor.pitch_y_mm,
+            priors=_usual(nodes),
+            folds=0,
+        ),
+    )
+    error = found.camera.fx_px * sensor.pitch_x_mm - wanted
+    own = found.sigma_of("fx_px") * sensor.pitch_x_mm
+    table = float(np.hypot(tables.fit.d_sigma_mm.max(), _left_out_mm(tables)))
+    return HeldOutView(
+        f"zoom {steps['zoom']} focus {steps['focus']}",
+        abs(float(error)),
+        float(np.hypot(own, table)),
+    )
+
+
+def _usual(nodes: Sequence[NodeResult]) -> tuple[tuple[str, float, float], ...]:
+    """Centre and k1 as the nodes have them, with how much they differ."""
+    values = np.array(
+        [[n.found.camera.cx_px, n.found.camera.cy_px, n.found.camera.k1] for n in nodes]
+    )
+    spread = np.maximum(values.std(axis=0), [_CENTRE_PX, _CENTRE_PX, _K1])
+    middle = np.median(values, axis=0)
+    return tuple(
+        (name, float(mean), float(sd))
+        for name, mean, sd in zip(("cx_px", "cy_px", "k1"), middle, spread, strict=True)
+    )
+
+
+def _left_out_mm(tables: LensTables) -> float:
+    """Error of the curves of f and x at nodes that were left out."""
+    errors = [
+        float(np.sqrt(np.mean(curve.left_out_mm**2)))
+        for name, curve in tables.curves.items()
+        if name != "iris" and len(curve.left_out_mm)
+    ]
+    return float(np.hypot(*errors)) if len(errors) == 2 else sum(errors)
+
+
+# -------------------------------------------------------------------------- the file
+
+
+def _told(
+    store: SessionStore,
+    tables: LensTables,
+    nodes: Sequence[NodeResult],
+    held: Verification,
+) -> Outcome:
+    facts = store.facts
+    identity = LensIdentity(
+        facts.serials.get("lens", ""), facts.date, simulated=facts.simulated
+    )
+    document = calibration_file(tables, identity)
+    stamp = provenance_of(store, "lens", document.provenance.method)
+    quality = _with_held_out(document.quality, held)
+    document = document.model_copy(
+        update={
+            "provenance": stamp,
+            "quality": quality,
+            "focus_extension_mm": _without_tube(document, facts.tube_mm),
+        }
+    )
+    return Outcome(
+        KEY,
+        document,
+        quality,
+        _lines(tables, held),
+        {
+            "tables": tables,
+            "nodes": tuple(nodes),
+            "pictures": [(one.found, one.seen) for one in nodes],
+            "verification": held,
+        },
+    )
+
+
+def _without_tube(document: LensTableCalibration, tube_mm: float):  # type: ignore[no-untyped-def]
+    axis = document.focus_extension_mm
+    return axis.model_copy(
+        update={"values_mm": [value - tube_mm for value in axis.values_mm]}
+    )
+
+
+def _with_held_out(quality: Quality, held: Verification) -> Quality:
+    """What held-out settings say, put to the rest."""
+    causes = held.causes()
+    if not causes:
+        return quality
+    rank = {"go": 0, "marginal": 1, "no-go": 2}
+    own = Verdict(causes)
+    worse = rank[own.grade] > rank[quality.verdict]
+    return quality.model_copy(
+        update={
+            "verdict": own.grade if worse else quality.verdict,
+            "reasons": [*own.reasons, *quality.reasons],
+            "causes": [
+                *(
+                    VerdictCause(
+                        code=c.code,
+                        grade="no-go" if c.grade == "no-go" else "marginal",
+                        message=c.message,
+                        action=c.action,
+                    )
+                    for c in causes
+                ),
+                *quality.causes,
+            ],
+            "next_action": own.next_action if worse else quality.next_action,
+        }
+    )
+
+
+def _lines(tables: LensTables, held: Verification) -> tuple[str, ...]:
+    fit = tables.fit
+    share = 100 * float((fit.d_sigma_mm / fit.d_mm).max())
+    play = ", ".join(
+        f"{name} {found.width_steps:.1f}"
+        for name, found in tables.measured.hysteresis.items()
+    )
+    words = (f"play between motor and glass, steps: {play}",) if play else ()
+    return (
+        f"d is known to {1000 * float(fit.d_sigma_mm.max()):.1f} um ({share:.3f} %), f to "
+        f"{1000 * float(fit.f_sigma_mm.max()):.1f} um (one sigma)",
+        f"the pupil lies {fit.e_mm:.2f} +- {fit.e_sigma_mm:.2f} mm before the nodal point",
+        *words,
+        held.words,
+    )
+
+
+def _nothing(tables: LensTables, nodes: Sequence[NodeResult]) -> Outcome:
+    verdict = judge_lens(tables)
+    quality = Quality(
+        verdict="no-go", reasons=verdict.reasons, next_action=verdict.next_action
+    )
+    details = {"tables": tables, "nodes": tuple(nodes)}
+    return Outcome(KEY, None, quality, tuple(verdict.reasons), details)
