@@ -383,11 +383,11 @@ def _nonsense(profile: str, chunks: list[bytes]) -> None:
     lines = sum(chunk.count(b"\n") + chunk.count(b"\r") for chunk in chunks)
     assert said.count(b"ok\r\n") + said.count(b"error:") <= lines
     board.say(b"\x18")
-    board.wait(3.0)
+    board.wait(0.05)
     stands = axes.truth
     assert board.say(b"?").startswith(b"<")
     assert b"[VER:" in board.say(b"$I\n")
-    board.wait(0.5)
+    board.wait(0.05)
     assert (axes.truth == stands).all(), "a reset ends every motion"
 
 
