@@ -386,7 +386,7 @@ def _joints_text(
     joints: list[float] | tuple[float, ...], units: tuple[str, ...]
 ) -> str:
     return ", ".join(
-        f"{np.degrees(j):.2f} deg" if unit == "rad" else f"{j:.2f} mm"
+        f"{np.degrees(j):z.2f} deg" if unit == "rad" else f"{j:z.2f} mm"
         for j, unit in zip(joints, units, strict=True)
     )
 
