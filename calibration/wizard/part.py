@@ -36,6 +36,7 @@ from mvp.wizard import (
 if TYPE_CHECKING:
     from collections.abc import Generator
 
+    from calibration.wizard.part_result import Found
     from calibration.wizard.session_store import Sample
     from mvp.geometry import Pose
     from mvp.wizard import Answer, Bench, Shot, SightView, Step, WizardOptions
@@ -69,20 +70,23 @@ class PartWizard:
         most = min(len(views), options.most_samples or len(views))
         fewest = min(FEWEST_VIEWS, most)
         unwanted: set[str] = set()
+        found = found_of(store)
         while len(store.usable()) < most:
-            if len(store.usable()) >= fewest and _error_mm(store) <= BAR_MM:
+            if len(store.usable()) >= fewest and _error_mm(found) <= BAR_MM:
                 break
             view = _next(views, store, unwanted)
             if view is None:
                 break
-            told = yield from _taken(bench, store, view)
+            believed = _believed(store, found)
+            told = yield from _taken(bench, store, view, believed)
             if told is Word.FINISH:
                 break
             if told is Word.UNDO:
                 store.undo()
             elif told is None:
                 unwanted.add(view.name)
-            yield _covered(store, fewest)
+            found = found_of(store)
+            yield _covered(len(store.usable()) / fewest, found)
         return self.outcome(store)
 
     def outcome(self, store: SessionStore) -> Outcome:
@@ -104,10 +108,9 @@ def _next(
 
 
 def _taken(
-    bench: Bench, store: SessionStore, view: SightView
+    bench: Bench, store: SessionStore, view: SightView, believed: Pose
 ) -> Generator[Step, Answer, Sample | Word | None]:
     """Drive there and look; None when the arm cannot or should not."""
-    believed = _believed(store)
     goal = believed @ view.part_from_camera
     stand = bench.joints_for(goal, d_mm=view.d_mm)
     if isinstance(stand, Refusal):
@@ -152,20 +155,18 @@ def _shot(bench: Bench, believed: Pose) -> tuple[Shot, Pose]:
     return shot, there
 
 
-def _believed(store: SessionStore) -> Pose:
+def _believed(store: SessionStore, found: Found | None) -> Pose:
     """Where the part lies by all pictures so far."""
-    found = found_of(store)
     return store.facts.base_from_part if found is None else found.located.base_from_part
 
 
-def _error_mm(store: SessionStore) -> float:
-    found = found_of(store)
+def _error_mm(found: Found | None) -> float:
     return np.inf if found is None else 1.96 * middle_sigma_mm(found)
 
 
-def _covered(store: SessionStore, fewest: int) -> Covered:
-    count, error = len(store.usable()), _error_mm(store)
+def _covered(share: float, found: Found | None) -> Covered:
+    error = _error_mm(found)
     return Covered(
-        bars=(("views", min(count / fewest, 1.0)),),
+        bars=(("views", min(share, 1.0)),),
         forecast=Forecast(_WHAT, error if np.isfinite(error) else None, BAR_MM, "mm"),
     )

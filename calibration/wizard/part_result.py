@@ -48,6 +48,7 @@ KEY = "part"
 PLANNED = "planned_views"
 _NORMAL_95 = 1.96
 _IMPROBABLE = 1e-3
+_OPEN_IN_ONE = ("mirror-ambiguity", "few-features", "weakly-determined")
 
 
 class PlannedRoom(FileModel):
@@ -252,11 +253,15 @@ def chain_of(facts: SessionFacts, located: LocatedPart, d_mm: float) -> PoseChai
 def _verdict(
     pictured: Sequence[Pictured], located: LocatedPart, arrivals: Sequence[Arrival]
 ) -> Verdict:
-    """Of every picture, of their agreement, and of what the plan asks."""
+    """Of every picture, of their agreement, and of what the plan asks.
+
+    What one picture leaves open does not matter where several agree on it.
+    """
     found: list[Cause] = []
+    settled = _settled(pictured, located)
     for one in pictured:
         for cause in judge_resection(one.sight, one.resection).causes:
-            if cause.code == "mirror-ambiguity" and _settled(pictured, located):
+            if settled and cause.code in _OPEN_IN_ONE:
                 continue
             found.append(
                 Cause(

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from calibration.part_pose import PartSight, Resection, SeenCircles, SeenEdges, resect
+from calibration.part_pose.problem import PoseProblem
 from calibration.wizard.lookout import camera_at
 from calibration.wizard.session_store import Finding
 from mvp.errors import CalibrationError
@@ -29,10 +30,11 @@ if TYPE_CHECKING:
 
 _Points: TypeAlias = list[list[float]]
 
-FEWEST_FEATURES = 5
+FEWEST_FEATURES = 4
 _ROUNDS = 4
 _SETTLED_MM, _SETTLED_RAD = 0.05, 1e-4
 _OUTLYING_SIGMA = 5.0
+_LEAST_REDUNDANT = 2
 _MOST_LEFT_OUT = 0.4
 _UNSETTLED = (
     "arm or lens moved while the picture was taken",
@@ -176,7 +178,7 @@ def _fitted(
             resection = resect(camera, stored.sight, near=near)
         except CalibrationError as error:
             return Look(stored, None, error.message)
-        worst = _worst_edge(stored, resection)
+        worst = _worst_edge(camera, stored, resection)
         if worst is None:
             return Look(stored, resection)
         if len(left_out) + 1 > _MOST_LEFT_OUT * counting.sum():
@@ -185,18 +187,33 @@ def _fitted(
         kept[np.flatnonzero(kept)[worst]] = False
 
 
-def _worst_edge(stored: StoredSight, resection: Resection) -> int | None:
-    """The edge that fits worst by far; None when all fit about as well.
+def _worst_edge(
+    camera: PinholeCamera, stored: StoredSight, resection: Resection
+) -> int | None:
+    """The edge without which the rest fits far better; None when all fit about alike.
 
-    Measured against the middle of all residuals, and never below the stated noise.
+    With the residuals r of an edge and its block h of the hat matrix, chi-square falls
+    by r' (1 - h)^-1 r when it is left out.
     """
-    count = len(stored.edge_pixels)
-    if not count:
+    edges, best = stored.sight.edges, resection.best
+    count, estimate = len(edges.pixels), best.estimate
+    if not count or estimate.degrees_of_freedom <= _LEAST_REDUNDANT:
         return None
-    off = np.abs(resection.best.estimate.residuals[-count:])
-    usual = max(float(np.median(off)) / 0.6745, 1.0)
-    place = int(off.argmax())
-    return stored.edge[place] if off[place] > _OUTLYING_SIGMA * usual else None
+    pose = best.camera_from_part
+    problem = PoseProblem.of(camera, stored.sight)
+    jacobian = problem.jacobian((pose.rotation, pose.translation_mm))
+    hat = jacobian @ np.linalg.pinv(jacobian)
+    first = len(estimate.residuals) - count
+    falls = np.zeros(len(edges.ends_part_mm))
+    for edge in range(len(falls)):
+        own = first + np.flatnonzero(edges.edge == edge)
+        left = np.eye(len(own)) - hat[np.ix_(own, own)]
+        rows = estimate.residuals[own]
+        falls[edge] = rows @ np.linalg.lstsq(left, rows, rcond=None)[0]
+    worst = int(falls.argmax())
+    rest = (estimate.chi_square - falls[worst]) / (estimate.degrees_of_freedom - 2)
+    outlying = falls[worst] > _OUTLYING_SIGMA**2 * max(float(rest), 1.0)
+    return worst if outlying else None
 
 
 def _stored(seen: SeenPart, kept: BoolArray, left_out: tuple[str, ...]) -> StoredSight:
