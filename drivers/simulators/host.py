@@ -200,7 +200,7 @@ class SerialHost:
 
     def _plug_in(self, end: LineEnd) -> None:
         end.plug_in()
-        _tell(self._machine, "power_up", time.monotonic())
+        tell(self._machine, "power_up", time.monotonic())
 
     def _set_noise(self, asked: Mapping[str, object]) -> None:
         self.set_noise(Noise.model_validate(dict(asked)))
@@ -233,7 +233,7 @@ class SerialHost:
     def _step(self, end: LineEnd, data: bytes, now_s: float) -> None:
         connected = end.connected
         if connected and not self._was_connected:
-            _tell(self._machine, "opened", now_s)
+            tell(self._machine, "opened", now_s)
             self._to_host += self._line.opening(now_s)
         self._was_connected = connected
         if data:
@@ -249,7 +249,7 @@ class SerialHost:
                 end.send(piece)
 
 
-def _tell(machine: Machine, what: str, now_s: float) -> None:
+def tell(machine: Machine, what: str, now_s: float) -> None:
     """Call an optional method of the machine."""
     method = getattr(machine, what, None)
     if method is not None:

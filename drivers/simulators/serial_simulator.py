@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from drivers.simulators.control import ControlServer
-from drivers.simulators.host import Machine, SerialHost
+from drivers.simulators.host import Machine, SerialHost, tell
 from drivers.simulators.noise import Noise
 from mvp.errors import ConnectError
 from mvp.fileedge import FileModel
@@ -69,11 +69,11 @@ class Reported(Machine):
 
     def opened(self, now_s: float) -> None:
         """Pass on that a host has opened the port."""
-        _pass_on(self._machine, "opened", now_s)
+        tell(self._machine, "opened", now_s)
 
     def power_up(self, now_s: float) -> None:
         """Pass on that the power came on."""
-        _pass_on(self._machine, "power_up", now_s)
+        tell(self._machine, "power_up", now_s)
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Pass on what the host sent."""
@@ -97,12 +97,6 @@ class Reported(Machine):
         if stands or now_s - self._told_s >= _REPORT_S:
             self._report(now_s, here)
             self._told, self._told_s = here, now_s
-
-
-def _pass_on(machine: object, what: str, now_s: float) -> None:
-    method = getattr(machine, what, None)
-    if method is not None:
-        method(now_s)
 
 
 class SerialSimulator:

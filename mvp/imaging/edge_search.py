@@ -43,7 +43,7 @@ def find_start(
     usable = np.isfinite(strip).all(axis=1)
     if usable.sum() < max(4, len(s) // 3):
         return None
-    step = _local_step(strip[usable], max(round(width / _T_STEP_PX), 2))
+    step = local_step(strip[usable], max(round(width / _T_STEP_PX), 2))
     return _strongest(step, s[usable], t, search_px)
 
 
@@ -51,7 +51,7 @@ def _s_count(line: Line) -> int:
     return int(np.clip(line.length_px * 0.76, 6, _LARGEST_S_COUNT))
 
 
-def _local_step(strip: FloatArray, count: int) -> FloatArray:
+def local_step(strip: FloatArray, count: int) -> FloatArray:
     """Mean grey of ``count`` samples after minus before every sample of a row."""
     padded = np.pad(np.cumsum(strip, axis=1), ((0, 0), (1, 0)))
     sums = padded[:, count:] - padded[:, :-count]

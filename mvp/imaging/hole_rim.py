@@ -9,6 +9,7 @@ import numpy as np
 
 from mvp.imaging.edge_blocks import BLOCK_PX, BlockSamples, judge_blocks
 from mvp.imaging.edge_fit import StepFit, StepSamples, fit_step, rescaled
+from mvp.imaging.edge_search import local_step
 from mvp.imaging.esf import angle_bin, spread_at
 from mvp.imaging.hole_ellipse import Ellipse, fitted_ellipse
 from mvp.imaging.measure_edges import FAINT, SATURATED, WINDOW_PX
@@ -124,7 +125,7 @@ def _start(
     if usable.mean() < 0.5:
         return None
     width = max(round((1.5 + blur_px / 2) / _STRIP_STEP_PX), 2)
-    step = _steps(np.where(usable[:, None], strip, 0.0), width) * usable[:, None]
+    step = local_step(np.where(usable[:, None], strip, 0.0), width) * usable[:, None]
     shifts = np.arange(-search_px, search_px + 0.01, 0.75)
     dx, dy, dr = (v.ravel() for v in np.meshgrid(shifts, shifts, grow, indexing="ij"))
     off = np.outer(dx, normal[:, 0]) + np.outer(dy, normal[:, 1]) + dr[:, None]
@@ -140,15 +141,6 @@ def _start(
         expected.semi_b_px + float(dr[best]),
         expected.turn_rad,
     )
-
-
-def _steps(strip: FloatArray, width: int) -> FloatArray:
-    padded = np.pad(np.cumsum(strip, axis=1), ((0, 0), (1, 0)))
-    sums = padded[:, width:] - padded[:, :-width]
-    out = np.zeros_like(strip)
-    inner = (sums[:, width:] - sums[:, :-width]) / width
-    out[:, width : width + inner.shape[1]] = inner
-    return out
 
 
 def _band(
