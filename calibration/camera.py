@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration.bundle import BundleProblem, BundleState, Freedom, freedom
 from calibration.camera_start import poses_with, start_from_planes
-from calibration.camera_verdict import judge_camera
+from calibration.camera_verdict import doubtful, judge_camera
 from calibration.estimate import (
     Estimate,
     Fit,
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 _FOLDS = 5
 _ROBUST_ROUNDS = 4
+_LEAST_TO_VOTE = 4
+_VOTE = 1.0
 
 
 @dataclass(frozen=True)
@@ -145,6 +147,7 @@ def calibrate_camera(
         found.state,
         found.estimate,
         view_rms_px=view_rms,
+        apart_rms_px=_told_apart(seen, options, found, view_rms),
         out_of_sample_px=tested,
         sigma_assumed_px=options.sigma_px,
         faces_camera=options.target_faces_camera,
@@ -162,6 +165,28 @@ def calibrate_camera(
         tested,
         verdict,
     )
+
+
+def _told_apart(
+    seen: Observations,
+    options: CameraOptions,
+    found: Fit[BundleState[PinholeCamera]],
+    view_rms_px: FloatArray,
+) -> FloatArray:
+    """Residual of each view (RMS, px), a wrong one not shared out among the others.
+
+    Least squares bends the camera towards a wrong view until all views fit badly; a
+    robust fit leaves the error where it is. Where nothing is doubtful, as it was.
+    """
+    suspicious = doubtful(found.estimate, view_rms_px, options.sigma_px)
+    if not suspicious or options.huber is not None or seen.views < _LEAST_TO_VOTE:
+        return view_rms_px
+    try:
+        problem, robust = _solved(seen, replace(options, huber=_VOTE), found.state)
+    except CalibrationError:
+        return view_rms_px
+    squares = (problem.errors_px(robust.state) ** 2).sum(axis=1)
+    return np.asarray(np.sqrt(np.bincount(seen.view, squares) / np.bincount(seen.view)))
 
 
 def _solved(

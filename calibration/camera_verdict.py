@@ -9,7 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from calibration.planar import homography
 from calibration.verdict import Cause, Limit, Verdict, judged
 
 if TYPE_CHECKING:
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from calibration.estimate import Estimate
     from calibration.observations import Observations
     from calibration.projection import PinholeCamera
+    from calibration.verdict import Grade
     from mvp.geometry import FloatArray
 
 _TILT_ACTION = "tilt the target (or the camera) by 30 to 45 deg in some of the views"
@@ -75,7 +78,11 @@ HELD_OUT = Limit(
 _LEAST_VIEWS = 3
 _PERFECT_PX = 0.02
 _OUTLYING_VIEW = 3.0
+_FOREIGN_VIEW = 10.0
+_UNEVEN = 1.5
+_FAR_ABOVE_NOISE = 5.0
 _WORST_VIEW_FLOOR_PX = 0.3
+_OUT_OF_PLACE = 0.5
 
 
 def judge_camera(
@@ -84,23 +91,28 @@ def judge_camera(
     estimate: Estimate,
     *,
     view_rms_px: FloatArray,
+    apart_rms_px: FloatArray,
     out_of_sample_px: float | None,
     sigma_assumed_px: float | None,
     faces_camera: bool,
 ) -> Verdict:
-    """GO, MARGINAL or NO-GO, with every cause."""
+    """GO, MARGINAL or NO-GO, with every cause.
+
+    ``apart_rms_px``: residuals of the views where a wrong one is not shared out.
+    """
     counts = np.bincount(seen.view)
     rms = float(np.sqrt((view_rms_px**2 @ counts) / counts.sum()))
     return judged(
+        _mirrored(state) if faces_camera and seen.planar() else (),
+        _out_of_order(seen) if seen.planar() else (),
+        _outlying_views(seen, apart_rms_px),
         TILT.check(float(np.degrees(state.tilt_rad.max()))) if seen.planar() else (),
-        _sigma_causes(state, estimate),
-        RESIDUAL.check(rms / np.sqrt(2)),
         FILLED.check(_filled_percent(seen)),
         _few_views(seen),
+        _sigma_causes(state, estimate),
+        RESIDUAL.check(rms / np.sqrt(2)),
         () if out_of_sample_px is None else _held_out(out_of_sample_px, rms),
         noise_causes(estimate, sigma_assumed_px),
-        _outlying_views(seen, view_rms_px),
-        _mirrored(state) if faces_camera and seen.planar() else (),
         () if estimate.converged else (_NOT_CONVERGED,),
     )
 
@@ -143,6 +155,16 @@ def _filled_percent(seen: Observations) -> float:
     return float(100 * reach.min())
 
 
+def doubtful(
+    estimate: Estimate, view_rms_px: FloatArray, sigma_assumed_px: float | None
+) -> bool:
+    """One wrong view may hide among the others: they share its error."""
+    uneven = float(view_rms_px.max()) > _UNEVEN * float(np.median(view_rms_px))
+    above = sigma_assumed_px is not None and estimate.inflated
+    large = float(np.sqrt((view_rms_px**2).mean() / 2)) > RESIDUAL.marginal
+    return bool(uneven or above or large)
+
+
 def noise_causes(
     estimate: Estimate, sigma_assumed_px: float | None
 ) -> tuple[Cause, ...]:
@@ -155,7 +177,8 @@ def noise_causes(
         f"{sigma_assumed_px:.3g} px (probability {estimate.probability:.1g})"
     )
     action = "state the true noise, free more distortion terms, or check the target"
-    return (Cause("residuals-above-noise", "marginal", message, action),)
+    grade: Grade = "no-go" if factor > _FAR_ABOVE_NOISE else "marginal"
+    return (Cause("residuals-above-noise", grade, message, action),)
 
 
 def _outlying_views(seen: Observations, view_rms_px: FloatArray) -> list[Cause]:
@@ -163,7 +186,7 @@ def _outlying_views(seen: Observations, view_rms_px: FloatArray) -> list[Cause]:
     return [
         Cause(
             "view-does-not-fit",
-            "marginal",
+            "no-go" if view_rms_px[view] > _FOREIGN_VIEW * usual else "marginal",
             f"{seen.names[view]} has a residual of {view_rms_px[view]:.2g} px, the "
             f"others {usual:.2g} px",
             f"remove {seen.names[view]} or take it again",
@@ -182,3 +205,27 @@ def _mirrored(state: BundleState[PinholeCamera]) -> tuple[Cause, ...]:
         "layout"
     )
     return (Cause("target-mirrored", "no-go", message, action),)
+
+
+def _out_of_order(seen: Observations) -> tuple[Cause, ...]:
+    """Views whose points do not lie as the layout says, whatever the lens."""
+    named = []
+    for view, name in enumerate(seen.names):
+        points, pixels = seen.of_view(view)
+        there = np.pad(points[:, :2], ((0, 0), (0, 1)), constant_values=1.0)
+        image = there @ homography(points[:, :2], pixels).T
+        off = np.linalg.norm(image[:, :2] / image[:, 2:] - pixels, axis=1)
+        spacing = np.median(cKDTree(pixels).query(pixels, k=2)[0][:, 1])
+        if np.median(off) > _OUT_OF_PLACE * spacing:
+            named.append(name)
+    if not named:
+        return ()
+    return (
+        Cause(
+            "points-out-of-order",
+            "no-go",
+            f"in {', '.join(named)} the points do not lie as the layout says",
+            "check whether rows and columns of the target are exchanged, in which order "
+            "its points are counted, and that these pictures show this target",
+        ),
+    )

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mvp.geometry import FloatArray
 
 REPEATABILITY_TO_ACCURACY = 5.0
+_ORTHONORMAL = 1e-6
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,8 @@ class HandEyeData:
             raise ValueError("settled is known for every view or for none")
         if not self.sigma_px > 0:
             raise ValueError("sigma_px is positive")
+        for view, name in enumerate(self.seen.names):
+            _check_pose(self.base_from_tool, view, name)
 
     @property
     def fixed_from_moving(self) -> Poses:
@@ -104,4 +107,15 @@ class HandEyeData:
             self.mount,
             self.sigma_px,
             tuple(self.settled[i] for i in index) if self.settled else (),
+        )
+
+
+def _check_pose(poses: Poses, view: int, name: str) -> None:
+    rotation, place = poses.rotation[view], poses.translation_mm[view]
+    if not (np.isfinite(rotation).all() and np.isfinite(place).all()):
+        raise ValueError(f"the robot pose of {name} is not finite")
+    square = np.allclose(rotation @ rotation.T, np.eye(3), atol=_ORTHONORMAL)
+    if not square or np.linalg.det(rotation) < 0:
+        raise ValueError(
+            f"the robot pose of {name} is not a rotation (mirrored or scaled axes)"
         )

@@ -13,14 +13,18 @@ from calibration.verdict import Cause, Limit
 if TYPE_CHECKING:
     from calibration.hand_eye.data import HandEyeData, RobotNoise
     from calibration.hand_eye.result import HandEyeSolution
+    from calibration.poses import Poses
+    from mvp.geometry import BoolArray
 
 LEAST_VIEWS = 5
 _IMPROBABLE = 1e-3
 _OUTLIER_SIGMAS = 5.0
+_SAME_MM, _SAME_RAD = 1.0, float(np.radians(0.3))
+_CLEARLY = 10.0
 
 _VIEWS = Limit(
     "few-views",
-    "the number of views",
+    "the number of views from distinct poses",
     "",
     marginal=12,
     no_go=8,
@@ -55,7 +59,7 @@ class HandEyeLimits:
 
 def of_data(data: HandEyeData) -> tuple[Cause, ...]:
     """Number of views, and an arm that was still moving."""
-    causes = _VIEWS.check(len(data.base_from_tool))
+    causes = _VIEWS.check(distinct_poses(data.base_from_tool))
     moving = [
         name
         for name, settled in zip(data.seen.names, data.settled, strict=False)
@@ -71,6 +75,37 @@ def of_data(data: HandEyeData) -> tuple[Cause, ...]:
             ),
         )
     return causes
+
+
+def distinct_poses(poses: Poses) -> int:
+    """How many poses differ from all that came before."""
+    return int((~np.tril(_same(poses, 1.0), -1).any(axis=1)).sum())
+
+
+def stuck(data: HandEyeData, camera_from_target: Poses) -> tuple[Cause, ...]:
+    """Views whose robot pose is that of another one, while their pictures differ."""
+    wrong = _same(data.base_from_tool, 1.0) & ~_same(camera_from_target, _CLEARLY)
+    if not wrong.any():
+        return ()
+    listed = zip(data.seen.names, wrong.any(axis=1), strict=True)
+    names = ", ".join(name for name, is_it in listed if is_it)
+    return (
+        Cause(
+            "pose-stuck",
+            "no-go",
+            f"the robot told one pose for different pictures: {names}",
+            "read the pose after the arm has settled, and anew for every picture",
+        ),
+    )
+
+
+def _same(poses: Poses, times: float) -> BoolArray:
+    """(n, n): which poses are one and the same, within so many times 1 mm, 0.3 deg."""
+    apart = poses.translation_mm[:, None] - poses.translation_mm
+    turned = np.einsum("iab,jab->ij", poses.rotation, poses.rotation)
+    angle = np.arccos(np.clip((turned - 1) / 2, -1, 1))
+    near = np.linalg.norm(apart, axis=2) < times * _SAME_MM
+    return np.asarray(near & (angle < times * _SAME_RAD))
 
 
 def of_pictures(variance_factor: float) -> tuple[Cause, ...]:

@@ -43,7 +43,14 @@ AS_TOLD = "as told"
 _BETTER = 4.0
 _SCALE_MARGINAL = 0.005
 _SCALE_NO_GO = 0.02
-_UNITS = {1e-3: "in metres", 1e3: "in micrometres", 1 / 25.4: "in inches"}
+_UNITS = {
+    1e-3: "in metres",
+    1e3: "in micrometres, or those of the target in metres",
+    1 / 25.4: "in inches",
+}
+_UNEXPLAINED = 5.0
+_LEAST_RATIO = 0.3
+_LEAST_SEEN_RAD = float(np.radians(5.0))
 
 
 @dataclass(frozen=True)
@@ -85,7 +92,19 @@ class ReadingCheck:
         beyond = self.told.misfit_mm > max(_BETTER * self.best.misfit_mm, allowed_mm)
         if beyond and self.best.name != AS_TOLD:
             return (self._other_reading(), *_scale_causes(self.best))
+        if self.told.misfit_mm > _UNEXPLAINED * allowed_mm:
+            return (self._no_reading(),)
         return _scale_causes(self.told)
+
+    def _no_reading(self) -> Cause:
+        return Cause(
+            "no-reading-fits",
+            "no-go",
+            f"the robot poses disagree with the pictures by {self.told.misfit_mm:.3g} "
+            "mm, and no other direction, order or shift of them fits better",
+            "check whether degrees were read as radians, which convention the angles "
+            "follow, and that every pose belongs to its picture",
+        )
 
     def _other_reading(self) -> Cause:
         return Cause(
@@ -95,6 +114,27 @@ class ReadingCheck:
             f"mm as told, and by {self.best.misfit_mm:.3g} mm with {self.best.name}",
             f"correct how the poses are read: {self.best.name}",
         )
+
+
+def angle_causes(motions: Motions) -> tuple[Cause, ...]:
+    """A hand that turns much less than its pictures show.
+
+    Args:
+        motions: of all pairs of views.
+    """
+    hand, camera = np.median(motions.turns_rad, axis=0)
+    if hand > _LEAST_RATIO * camera or camera < _LEAST_SEEN_RAD:
+        return ()
+    return (
+        Cause(
+            "hand-turns-less",
+            "no-go",
+            f"by its poses the hand turns by {np.degrees(hand):.2g} deg between two "
+            f"views, by the pictures by {np.degrees(camera):.2g} deg: angles in radians "
+            "were read as degrees, or the poses did not follow",
+            "check the unit of the robot's angles, and that every pose was read anew",
+        ),
+    )
 
 
 def check_readings(
@@ -235,7 +275,8 @@ def _scaled(
 
 def _scale_causes(reading: Reading) -> tuple[Cause, ...]:
     off = abs(np.log(max(reading.scale, 1e-12)))
-    if reading.scale <= 0 or off <= max(4 * reading.scale_sigma, _SCALE_MARGINAL):
+    doubt = 4 * reading.scale_sigma / max(reading.scale, 1e-12)
+    if reading.scale <= 0 or off <= max(doubt, _SCALE_MARGINAL):
         return ()
     for unit, words in _UNITS.items():
         if abs(np.log(reading.scale / unit)) < 0.1:
@@ -245,7 +286,7 @@ def _scale_causes(reading: Reading) -> tuple[Cause, ...]:
                     "no-go",
                     f"the robot's lengths are {reading.scale:.3g} times those of the "
                     f"target: they seem to be {words}",
-                    "convert the robot's positions to millimetres",
+                    "give the robot's positions and the target's squares in millimetres",
                 ),
             )
     grade: Literal["no-go", "marginal"] = "no-go" if off > _SCALE_NO_GO else "marginal"

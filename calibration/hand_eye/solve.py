@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 
 from calibration.estimate import weakest_direction
-from calibration.hand_eye import judge
+from calibration.hand_eye import half_turn, judge
 from calibration.hand_eye.closed_form import Method, closed_form, target_in_fixed
 from calibration.hand_eye.left_out import left_out_mm
 from calibration.hand_eye.motions import all_pairs
 from calibration.hand_eye.noise import refine
 from calibration.hand_eye.observability import observability
-from calibration.hand_eye.readings import check_readings
+from calibration.hand_eye.readings import angle_causes, check_readings
 from calibration.hand_eye.refine import (
     CameraPrior,
     Chain,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from calibration.verdict import Cause
     from mvp.geometry import Pose
 
-_FATAL = ("reading", "unit")
+_FATAL = ("reading", "unit", "no-reading-fits", "half-turned", "pose-stuck")
 _UNEXPLAINED_SIGMAS = 10.0
 
 
@@ -66,8 +66,9 @@ def calibrate_hand_eye(
         return HandEyeResult(data.mount, judged(early))
     targets = target_poses(data, prior.camera)
     fixed = data.fixed_from_moving
-    seen = observability(all_pairs(fixed, targets.camera_from_target), data.frames[0])
-    early += seen.causes()
+    motions = all_pairs(fixed, targets.camera_from_target)
+    seen = observability(motions, data.frames[0])
+    early += angle_causes(motions) or seen.causes()
     if not seen.determined:
         return HandEyeResult(data.mount, judged(early), None, seen)
     readings, told = _checked(data, targets, robot)
@@ -92,7 +93,9 @@ def _checked(
     """Readings of the robot's numbers, and what speaks against the one told."""
     poses = targets.camera_from_target
     readings = check_readings(data.base_from_tool, poses, data.mount)
-    return readings, readings.causes(_explained_mm(poses, robot))
+    clear = judge.stuck(data, poses)
+    clear = clear or half_turn.causes(data.fixed_from_moving, poses, data.seen.names)
+    return readings, clear or readings.causes(_explained_mm(poses, robot))
 
 
 def _solved(

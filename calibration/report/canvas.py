@@ -37,8 +37,9 @@ def new_figure(width_in: float, height_in: float, *, packed: bool = True) -> Fig
         height_in: inches.
         packed: panels and labels find their room by themselves.
     """
-    layout = "constrained" if packed else None
-    figure = Figure(figsize=(width_in, height_in), layout=layout)
+    figure = Figure(
+        figsize=(width_in, height_in), layout="constrained" if packed else None
+    )
     FigureCanvasSVG(figure)
     return figure
 

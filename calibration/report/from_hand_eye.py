@@ -36,7 +36,9 @@ if TYPE_CHECKING:
         HandEyeData,
         HandEyeResult,
         HandEyeSolution,
+        Observability,
         Reading,
+        ReadingCheck,
         RobotNoise,
     )
     from calibration.report.model import About, Plot
@@ -231,23 +233,30 @@ def _tables(result: HandEyeResult, found: HandEyeSolution | None) -> list[Table]
     if found is not None:
         tables.append(_closed_forms(found))
     if result.observability is not None:
-        seen = result.observability
-        rows = tuple(
-            (f"({', '.join(f'{v:z.2f}' for v in axis)})", f"{spread:.1f} deg")
-            for axis, spread in zip(seen.axes, seen.spread_deg, strict=True)
-        )
-        title = f"How much the views turn (axes of the {seen.frame} frame)"
-        tables.append((title, ("axis", "rotation, RMS over pairs"), rows))
+        tables.append(_turning(result.observability))
     if result.readings is not None:
-        told = result.readings.told
-        others = [r for r in result.readings.ranked if r.name != told.name]
-        rows = tuple(
-            (r.name, f"{r.misfit_mm:.3g} mm", _scale_words(r))
-            for r in (told, *others[:_READINGS])
-        )
-        heads = ("reading of the robot poses", "disagreement", "robot's mm by target's")
-        tables.append(("Were the robot's numbers understood?", heads, rows))
+        tables.append(_read(result.readings))
     return tables
+
+
+def _turning(seen: Observability) -> Table:
+    rows = tuple(
+        (f"({', '.join(f'{v:z.2f}' for v in axis)})", f"{spread:.1f} deg")
+        for axis, spread in zip(seen.axes, seen.spread_deg, strict=True)
+    )
+    title = f"How much the views turn (axes of the {seen.frame} frame)"
+    return (title, ("axis", "rotation, RMS over pairs"), rows)
+
+
+def _read(readings: ReadingCheck) -> Table:
+    told = readings.told
+    others = [one for one in readings.ranked if one.name != told.name]
+    rows = tuple(
+        (one.name, f"{one.misfit_mm:.3g} mm", _scale_words(one))
+        for one in (told, *others[:_READINGS])
+    )
+    heads = ("reading of the robot poses", "disagreement", "robot's mm by target's")
+    return ("Were the robot's numbers understood?", heads, rows)
 
 
 def _scale_words(reading: Reading) -> str:

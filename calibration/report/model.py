@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from calibration.verdict import Verdict
     from calibration.wizard.comparison import Comparison
     from mvp.geometry import BoolArray, FloatArray, IntArray
@@ -58,7 +60,7 @@ class Photo:
     """
 
     name: str
-    grey: FloatArray | IntArray | None = None
+    grey: NDArray[np.uint8] | None = None
     points_px: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     link: str = ""
 

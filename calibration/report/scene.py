@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from calibration.report.canvas import (
@@ -20,8 +21,6 @@ from calibration.report.canvas import (
 )
 
 if TYPE_CHECKING:
-    from mpl_toolkits.mplot3d.axes3d import Axes3D
-
     from calibration.report.canvas import Drawn
     from calibration.report.model import Scene
     from mvp.geometry import FloatArray
@@ -40,7 +39,8 @@ def scene(plot: Scene) -> Drawn:
     cameras = float(np.median(plot.cameras[:, 2, 3]))
     upside_down = cameras < float(np.median(points[:, 2]))
     for number, (up, around) in enumerate(_SIDES):
-        axes = figure.add_axes((0.5 * number, 0.0, 0.48, 1.0), projection="3d")
+        axes = Axes3D(figure, (0.5 * number, 0.0, 0.48, 1.0))
+        figure.add_axes(axes)
         _draw(axes, plot)
         _true_to_scale(axes, low, high, upside_down=upside_down)
         axes.view_init(up, around)

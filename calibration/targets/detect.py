@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from calibration.planar import homography
 from calibration.targets.layout import Charuco, Chessboard, CircleGrid
+from calibration.targets.not_found import why_no_board
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -82,12 +83,7 @@ def detect(grey: NDArray[np.uint8], target: Target) -> Detection | Rejection:
     else:
         found = _chessboard(grey, target)
     if found is None:
-        return Rejection(
-            "target-not-found",
-            "the target was not found",
-            "show all of it, evenly lit and sharp; check that rows, columns and kind "
-            "are those of the print",
-        )
+        return _not_found(grey, target)
     ids, pixels = found
     points = target.points_mm[ids]
     if isinstance(target, CircleGrid):
@@ -97,6 +93,19 @@ def detect(grey: NDArray[np.uint8], target: Target) -> Detection | Rejection:
     spacing = _spacing(pixels)
     half = half_windows(spacing, _free_share(target))
     return Detection(ids, points, _refined(grey, pixels, half), spacing, half)
+
+
+def _not_found(grey: NDArray[np.uint8], target: Target) -> Rejection:
+    reason, action = "", ""
+    if isinstance(target, Charuco):
+        reason, action = why_no_board(grey, target)
+    return Rejection(
+        "target-not-found",
+        "the target was not found" + (f": {reason}" if reason else ""),
+        action
+        or "show all of it, evenly lit and sharp; check that rows, columns and "
+        "kind are those of the print",
+    )
 
 
 def half_windows(spacing_px: FloatArray, share: float = _WINDOW_SHARE) -> IntArray:

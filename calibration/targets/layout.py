@@ -34,6 +34,8 @@ class MeasuredLength:
     def __post_init__(self) -> None:
         if not (self.mm > 0 and self.sigma_mm >= 0):
             raise ValueError("a length is positive, its deviation not negative")
+        if not np.isfinite([self.mm, self.sigma_mm]).all():
+            raise ValueError("a length and its deviation are finite")
 
     @property
     def relative(self) -> float:
