@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
-from dataclasses import asdict, dataclass
+import sys
+from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from calibration.camera import CameraOptions, calibrate_camera
 from calibration.lens_table import (
@@ -26,6 +29,8 @@ from calibration.lens_table import (
 from calibration.observations import Observations
 from calibration.tsai import TsaiCamera, TsaiOptions, tsai_calibrate
 from mvp.testing.paraxial_lens import ParaxialLens
+from tools.bench_calibration_poses import bench_charuco, bench_hand_eye, bench_part
+from tools.bench_calibration_rows import Clock, Row, rms, shown, table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -39,53 +44,6 @@ SHARP_SHARE = 0.005
 FIX_ALL_BUT_K1 = (
     cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
 ) | cv2.CALIB_FIX_ASPECT_RATIO
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line: root mean square errors over all trials.
-
-    Attributes:
-        what: quantity and data.
-        unit: of the errors.
-        ours: of this package.
-        rival: OpenCV's, or of what ``against`` says; None where there is none.
-        against: whose figure that is.
-        bar: ours must not exceed it.
-        honest: share of our errors within the sigma that we stated.
-        ours_s: seconds per trial.
-        rival_s: seconds per trial.
-    """
-
-    what: str
-    unit: str
-    ours: float
-    rival: float | None
-    against: str
-    bar: float | None
-    honest: float | None
-    ours_s: float
-    rival_s: float | None
-
-    @property
-    def kept(self) -> bool:
-        return self.bar is None or self.ours <= self.bar
-
-
-class Clock:
-    """Seconds per call, by name."""
-
-    def __init__(self) -> None:
-        self.spent: dict[str, list[float]] = {}
-
-    def run(self, name: str, work: Callable[[], object]) -> object:
-        begin = time.perf_counter()
-        found = work()
-        self.spent.setdefault(name, []).append(time.perf_counter() - begin)
-        return found
-
-    def mean_s(self, name: str) -> float:
-        return float(np.mean(self.spent[name]))
 
 
 def lens_at(u_mm: float) -> ParaxialLens:
@@ -147,10 +105,6 @@ def opencv_camera(seen: Observations, more_flags: int = 0) -> np.ndarray:
         points, pixels, SIZE_PX, start, np.zeros(5), flags=flags
     )
     return np.array([found[1][0, 0], *found[1][:2, 2]])
-
-
-def rms(errors: list[float] | np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(errors))))
 
 
 def bench_camera(trials: int, rng: np.random.Generator) -> Iterator[Row]:
@@ -336,19 +290,10 @@ BENCHES: dict[str, Callable[[int, np.random.Generator], Iterator[Row]]] = {
     "tsai": bench_tsai,
     "focus": bench_focus,
     "travel": bench_travel,
+    "hand-eye": bench_hand_eye,
+    "part": bench_part,
+    "charuco": bench_charuco,
 }
-
-
-def shown(row: Row) -> str:
-    """A line of the table."""
-    rival = f"{row.rival:9.3f}" if row.rival is not None else "        -"
-    bar = f"{row.bar:7.2f}" if row.bar is not None else "      -"
-    honest = f"{100 * row.honest:4.0f} %" if row.honest is not None else "     -"
-    kept = "kept" if row.kept else "MISSED"
-    return (
-        f"{row.what:46} {row.ours:9.3f} {rival} {row.unit:>4} {bar} {kept:>6} "
-        f"{honest} {1e3 * row.ours_s:7.0f} ms  {row.against}"
-    )
 
 
 def main() -> int:
@@ -357,6 +302,7 @@ def main() -> int:
     asked.add_argument("--seed", type=int, default=0)
     asked.add_argument("--only", choices=BENCHES, action="append")
     asked.add_argument("--json", action="store_true")
+    asked.add_argument("--markdown", action="store_true")
     given = asked.parse_args()
     rows = []
     for name in given.only or BENCHES:
@@ -364,6 +310,8 @@ def main() -> int:
         rows += list(BENCHES[name](given.trials, rng))
     if given.json:
         print(json.dumps([asdict(row) for row in rows], indent=1))
+    elif given.markdown:
+        print(table(rows))
     else:
         print(f"{'RMS error':46} {'ours':>9} {'rival':>9} {'':>4} {'bar':>7}")
         print("\n".join(shown(row) for row in rows))
