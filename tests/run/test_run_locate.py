@@ -1,0 +1,157 @@
+"""``mvp-cell run --locate`` on a virtual cell whose part lies elsewhere than believed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from mvp.cell.places import bundled_root
+from mvp.cell.records import PartLocated, RunStarted, read_records
+from mvp.cell.run_document import RunDocument
+from mvp.cli.main import invoke
+from mvp.geometry import Pose
+from mvp.planning.plan import Plan
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+# Chi-square with six degrees of freedom: exceeded once in a thousand.
+IMPROBABLE = 22.46
+SPREAD = np.array([0.1] * 3 + [np.radians(0.02)] * 3)
+
+
+def measured_cell(folder: Path, **placement: float) -> Path:
+    """The uncalibrated cell with camera, lens and hand-eye as a calibration leaves them.
+
+    The part's pose is the nominal one: it is wrong by 4 mm and 1 deg.
+    """
+    source = bundled_root() / "virtual_uncalibrated"
+    shutil.copytree(source, folder, copy_function=shutil.copyfile)
+    named = {
+        "camera": {"parameters": ["cx_px", "cy_px"], "matrix": [[0.04, 0], [0, 0.04]]},
+        "lens_table": {"parameters": ["f_mm at zoom 0"], "matrix": [[1e-5]]},
+        "hand_eye": np.diag(SPREAD**2).tolist(),
+    }
+    for name, covariance in named.items():
+        found = json.loads((folder / "truth" / f"{name}.json").read_text())
+        found["quality"] = {"verdict": "go"}
+        found["provenance"]["origin"] = "measured"
+        found["covariance"] = covariance
+        if name == "hand_eye":
+            found["matrix"] = slightly_wrong(found["matrix"])
+        if name == "lens_table":
+            found["d_standard_deviation_mm"] = 0.003
+            found["f_standard_deviation_mm"] = 0.003
+        (folder / "calibration" / f"{name}.json").write_text(json.dumps(found))
+    cell = folder / "cell.toml"
+    text = cell.read_text().replace("clock_speed = 10.0", "clock_speed = 100.0")
+    if placement:
+        lines = [f"{key} = {value}" for key, value in placement.items()]
+        text += "\n[part_placement]\n" + "\n".join(lines) + "\n"
+    cell.write_text(text)
+    return cell
+
+
+def slightly_wrong(matrix: list[list[float]]) -> list[list[float]]:
+    """By what the covariance says."""
+    true = Pose.from_matrix("tool", "camera", np.array(matrix))
+    step = np.random.default_rng(4).normal(size=6) * SPREAD
+    turn = Pose.from_rotvec("tool", "tool", step[3:], [0, 0, 0]).rotation
+    moved = Pose("tool", "camera", turn @ true.rotation, true.translation_mm + step[:3])
+    return moved.matrix.tolist()
+
+
+def true_part(folder: Path) -> Pose:
+    found = json.loads((folder / "truth" / "part_pose.json").read_text())
+    return Pose.from_matrix("base", "part", np.array(found["matrix"]))
+
+
+@dataclass(frozen=True)
+class Done:
+    cell: Path
+    code: int
+    run: Path
+    document: RunDocument
+
+
+@pytest.fixture(scope="module")
+def located(tmp_path_factory: pytest.TempPathFactory) -> Done:
+    home = tmp_path_factory.mktemp("locate")
+    cell = measured_cell(home / "cell")
+    code = invoke(["run", str(cell), "--locate", "--yes", "--out", str(home / "runs")])
+    (run,) = (home / "runs").iterdir()
+    document = RunDocument.model_validate_json((run / "run.json").read_text())
+    return Done(cell, code, run, document)
+
+
+def test_a_part_that_lies_elsewhere_is_found_and_every_promise_is_kept(located: Done):
+    assert located.code == 0
+    assert located.document.status == "verified"
+
+
+def test_the_true_pose_lies_within_the_stated_interval(located: Done):
+    stored = json.loads((located.run / "part_pose.json").read_text())
+    found = Pose.from_matrix("base", "part", np.array(stored["matrix"]))
+    truth = true_part(located.cell.parent)
+    turn = truth.rotation @ found.rotation.T
+    small = [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+    error = np.r_[truth.translation_mm - found.translation_mm, np.array(small) / 2]
+    covariance = np.array(stored["covariance"])
+    assert error @ np.linalg.solve(covariance, error) < IMPROBABLE
+    assert np.linalg.norm(error[:3]) < 0.5
+    assert stored["provenance"]["origin"] == "measured"
+
+
+def test_the_records_say_where_the_part_was_found_and_how_far_off(located: Done):
+    first, second, *_ = read_records(located.run / "records.jsonl")
+    assert isinstance(first, RunStarted)
+    assert isinstance(second, PartLocated)
+    assert second.moved_mm == pytest.approx(4.08, abs=0.3)
+    assert second.moved_deg == pytest.approx(0.97, abs=0.1)
+    assert second.moved_mm < second.within_mm
+    assert located.document.located is not None
+    assert located.document.located.moved_mm == second.moved_mm
+    assert (located.run / "locating" / "samples.jsonl").is_file()
+
+
+def test_the_plan_was_made_for_where_the_part_lies(located: Done):
+    plan = Plan.model_validate_json((located.run / "plan.json").read_text())
+    assert any("from where it was believed to lie" in note for note in plan.notes)
+    for view in plan.views:
+        assert view.probability is not None
+        assert "part_pose" in view.probability.spread.measured
+        assert view.probability.spread.position_95_mm < 1.0
+
+
+def test_a_located_run_is_resumed_with_the_part_where_it_was_found(located: Done):
+    run = str(located.run)
+    arguments = ["--out", str(located.run.parent), "--yes", "--json"]
+    code = invoke(["run", str(located.cell), "--resume", run, *arguments])
+    assert code == 0
+
+
+def test_locating_moves_the_arm_and_a_dry_run_does_not(tmp_path: Path):
+    cell = measured_cell(tmp_path / "cell")
+    assert invoke(["run", str(cell), "--locate", "--dry-run"]) == 2
+    assert invoke(["run", str(cell), "--locate", "--resume", "x"]) == 2
+
+
+@pytest.mark.full
+def test_a_part_that_lies_too_far_off_is_refused_with_the_distance(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    cell = measured_cell(tmp_path / "cell", within_mm=2.0, within_deg=5.0)
+    runs = tmp_path / "runs"
+    code = invoke(["run", str(cell), "--locate", "--yes", "--out", str(runs)])
+    assert code == 5
+    told = capsys.readouterr().err
+    assert "4.1 mm" in told
+    assert "part_placement" in told
+    (run,) = runs.iterdir()
+    assert any((run / "locating" / "images").iterdir())
+    assert not (run / "run.json").exists()
