@@ -128,6 +128,7 @@ def test_the_plan_was_made_for_where_the_part_lies(located: Done):
         assert view.probability.spread.position_95_mm < 1.0
 
 
+@pytest.mark.full
 def test_a_located_run_is_resumed_with_the_part_where_it_was_found(located: Done):
     run = str(located.run)
     arguments = ["--out", str(located.run.parent), "--yes", "--json"]
