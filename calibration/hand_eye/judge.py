@@ -87,7 +87,7 @@ def stuck(data: HandEyeData, camera_from_target: Poses) -> tuple[Cause, ...]:
     wrong = _same(data.base_from_tool, 1.0) & ~_same(camera_from_target, _CLEARLY)
     if not wrong.any():
         return ()
-    listed = zip(data.seen.names, wrong.any(axis=1), strict=True)
+    listed = zip(data.seen.names, np.any(wrong, axis=1).tolist(), strict=True)
     names = ", ".join(name for name, is_it in listed if is_it)
     return (
         Cause(

@@ -76,11 +76,21 @@ def camera_report(
         _headline(work, distance_mm),
         found.verdict,
         _quantities(found),
-        tuple(_plots(found, seen, work, distance_mm, target_share)),
+        tuple(_plots(found, seen, work, distance_mm)),
         notes=(
             f"Worst determined combination: {found.weakest.words}.",
             "The principal distances belong to the lens setting of these pictures.",
+            *_target_words(target_share),
         ),
+    )
+
+
+def _target_words(share: float) -> tuple[str, ...]:
+    if not share:
+        return ()
+    return (
+        f"The size of the target is known to {100 * share:.2g} % (one sigma). That does not "
+        "touch this result, but lengths and poses found with the target share it.",
     )
 
 
@@ -141,7 +151,6 @@ def _plots(
     seen: Observations,
     work: ProjectionUncertainty | None,
     distance_mm: float,
-    target_share: float,
 ) -> list[Plot]:
     size = (seen.width_px, seen.height_px)
     plots: list[Plot] = [
@@ -154,17 +163,11 @@ def _plots(
     ]
     if work is not None:
         plots.append(WorkMap(work.pixels, work.refitted_mm, distance_mm))
-        plots.append(_budget(found, work, size, target_share))
+        plots.append(_budget(found, work))
     return [*plots, _scene(found, seen)]
 
 
-def _budget(
-    found: CameraEstimate,
-    work: ProjectionUncertainty,
-    size_px: tuple[int, int],
-    target_share: float,
-) -> ErrorBudget:
-    half_field = float(np.hypot(*size_px)) / 2 * work.mm_per_px
+def _budget(found: CameraEstimate, work: ProjectionUncertainty) -> ErrorBudget:
     spread = float(np.sqrt((work.refitted_mm**2).mean()))
     noise = found.sigma_px * work.mm_per_px
     return ErrorBudget(
@@ -173,11 +176,6 @@ def _budget(
         (
             BudgetPart("calibration", spread, "this result, mean over the picture"),
             BudgetPart("pixel noise", noise, f"{found.sigma_px:.3g} px of one point"),
-            BudgetPart(
-                "size of the target",
-                target_share * half_field,
-                f"{100 * target_share:.2g} % of a length, at the corner of the field",
-            ),
         ),
     )
 

@@ -18,6 +18,7 @@ from calibration.report.model import (
     ResidualField,
 )
 from calibration.report.shapes import NORMAL_95
+from calibration.verdict import judged
 from mvp.optics import focus_distance_mm
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from calibration.lens_table import Hysteresis, LensTables
     from calibration.observations import Observations
     from calibration.report.model import About, Plot
+    from calibration.verdict import Cause
     from mvp.geometry import FloatArray
     from mvp.optics import AxisName, Sensor
 
@@ -40,6 +42,7 @@ def lens_report(
     sensor: Sensor,
     distance_mm: float,
     pictures: Sequence[tuple[CameraEstimate, Observations]] = (),
+    more_causes: Sequence[Cause] = (),
 ) -> ReportData:
     """Everything that the page of a lens table shows.
 
@@ -49,6 +52,7 @@ def lens_report(
         sensor: behind the lens.
         distance_mm: working distance from the entrance pupil.
         pictures: camera fits of single nodes, where pictures made them.
+        more_causes: what else speaks against it, such as held-out settings.
     """
     fit = tables.fit
     share = float((fit.d_sigma_mm / fit.d_mm).max())
@@ -59,7 +63,7 @@ def lens_report(
         f"A length at the corner of the field at {distance_mm:.0f} mm is known to "
         f"{NORMAL_95 * share * half_field:.2g} mm (95 %); d to {100 * share:.2g} % (one "
         "sigma) at every measured setting.",
-        judge_lens(tables),
+        judged(more_causes, judge_lens(tables).causes),
         _quantities(tables),
         tuple(_plots(tables, sensor, distance_mm, half_field, pictures)),
         ((_nodes(tables)), _assumptions(tables)),

@@ -29,6 +29,7 @@ _SIDES = ((22, -60), (12, 25))
 _ROLES = {"target": GREEN, "part": GREEN, "robot": SOFT, "axes": INK}
 _NAMED = 8
 _TICKS = 5
+_ZOOM = 0.92
 
 
 def scene(plot: Scene) -> Drawn:
@@ -94,7 +95,7 @@ def _true_to_scale(
     axes.set_xlim(middle[0] - span[0] / 2, middle[0] + span[0] / 2)
     axes.set_ylim(middle[1] - span[1] / 2, middle[1] + span[1] / 2)
     axes.set_zlim(middle[2] - span[2] / 2, middle[2] + span[2] / 2)
-    axes.set_box_aspect(span)
+    axes.set_box_aspect(span, zoom=_ZOOM)
     if upside_down:
         axes.invert_yaxis()
         axes.invert_zaxis()

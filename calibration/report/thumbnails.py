@@ -30,7 +30,7 @@ def thumbnail(photo: Photo) -> Markup | None:
     drawn = as_png(cv2.imencode(".png", small)[1].tobytes(), photo.name)
     points = np.asarray(photo.points_px, dtype=np.float64).reshape(-1, 2)
     every = -(-len(points) // _MOST_POINTS) or 1
-    radius = 0.006 * columns
+    radius = 0.011 * columns
     dots = Markup("").join(
         Markup('<circle cx="{:.1f}" cy="{:.1f}" r="{:.1f}"/>').format(x, y, radius)
         for x, y in points[::every]

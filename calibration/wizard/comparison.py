@@ -257,7 +257,10 @@ def _words(
             "tell whether this is chance."
         )
     if sigmas <= ALARM_SIGMAS:
-        return f"{size}, {sigmas:.1f} standard deviations: the two results agree."
+        return (
+            f"{size}. All changes together are as usual as {sigmas:.1f} standard "
+            "deviations of one number: the two results agree."
+        )
     if before.origin == "nominal":
         end = "the device is not what its data sheet says; use the measured values."
     elif kind == "part":
@@ -268,7 +271,10 @@ def _words(
             "screw, another lens setting, temperature) before relying on either."
         )
     many = f"{sigmas:.1f}" if sigmas < 100 else "more than 100"
-    return f"{size}, {many} standard deviations: {end}"
+    return (
+        f"{size}. All changes together are as unusual as {many} standard deviations of one "
+        f"number: {end}"
+    )
 
 
 def _incomparable(

@@ -41,6 +41,7 @@ def page_of(store: SessionStore, outcome: Outcome) -> str:
             "; ".join(outcome.quality.reasons), hint=outcome.quality.next_action
         )
         return render_report(refused_report("lens", why, about))
+    held = outcome.details.get("verification")
     pictures = cast("Pictures", outcome.details.get("pictures", ()))
     data = lens_report(
         tables,
@@ -48,8 +49,8 @@ def page_of(store: SessionStore, outcome: Outcome) -> str:
         sensor=facts.sensor,
         distance_mm=distance,
         pictures=pictures,
+        more_causes=held.causes() if isinstance(held, Verification) else (),
     )
-    held = outcome.details.get("verification")
     words = (held.words,) if isinstance(held, Verification) else ()
     return render_report(replace(data, notes=(*data.notes, *words)))
 

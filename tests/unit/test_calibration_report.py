@@ -376,6 +376,7 @@ def test_the_budget_is_the_root_of_the_squares():
     budget = next(p for p in page.plots if isinstance(p, ErrorBudget))
     parts = [part.sigma_mm for part in budget.parts]
     assert budget.total_mm == pytest.approx(np.sqrt(np.sum(np.square(parts))))
+    assert budget.parts[1].name == "pixel noise"
     assert budget.parts[1].sigma_mm == pytest.approx(
         0.15 * 400 / CAMERA.fx_px, rel=0.01
     )
