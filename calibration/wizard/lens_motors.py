@@ -256,7 +256,7 @@ def iris_node(facts: SessionFacts, nodes: Sequence[NodePlan]) -> NodePlan:
     """Where the pupil is measured: at the shortest f, where focus blurs most."""
     zoom = min(nodes, key=lambda n: float(facts.table.zoom.value_mm(n.zoom))).zoom
     mine = sorted((n for n in nodes if n.zoom == zoom), key=lambda n: n.sharp_mm)
-    return mine[len(mine) // 2]
+    return mine[(len(mine) - 1) // 2]
 
 
 def iris_views(
