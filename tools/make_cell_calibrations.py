@@ -116,7 +116,7 @@ NOMINAL = Values(
     k1=0.0,
     f_mm=(8.0, 25.0),
     extension_mm=(0.1, 1.2),
-    a_mm=(0.4, 4.0),
+    a_mm=(0.4, 2.5),
     pupil_offset_mm=0.0,
     hand_turn_deg=(0.0, 0.0, 25.0),
     hand_mm=(0.0, 0.0, 104.0),
@@ -128,7 +128,7 @@ TRUE = Values(
     k1=-0.1,
     f_mm=(8.11, 25.43),
     extension_mm=(0.128, 1.243),
-    a_mm=(0.389, 3.86),
+    a_mm=(0.389, 2.43),
     pupil_offset_mm=2.4,
     hand_turn_deg=(0.5, -0.35, 25.4),
     hand_mm=(1.5, -1.6, 105.2),
@@ -258,7 +258,7 @@ def uncalibrated(values: Values, provenance: Provenance, quality: Quality) -> Mo
     measured = provenance.origin == "measured"
     zoom = Motor(0, 3200, 33, 30, 1.0).table(*values.f_mm, even=False)
     focus = Motor(0, 8000, 17, 40, 2.0).table(*values.extension_mm, even=True)
-    iris = Motor(0, 600, 25, 6, 0.5).table(*values.a_mm, even=False)
+    iris = Motor(0, 600, 25, 6, 0.5).table(*values.a_mm, even=True)
     hand = Pose.from_rotvec(
         "tool", "camera", np.radians(values.hand_turn_deg), values.hand_mm
     )
