@@ -311,8 +311,10 @@ def _chosen(
     number = progress.lookout.store.next_number
     goal = _goals(progress, views)
     if missing == "fields":
-        flat = Knowledge(np.eye(1), np.eye(1))
-        found = choose(flat, progress.new_fields(views), goal)
+        flat, more = Knowledge(np.eye(1), np.eye(1)), progress.new_fields(views)
+        if not more.any():
+            return "no view in focus would fill the empty fields of the picture"
+        found = choose(flat, more, goal)
         words = f"to view {number}: for the empty fields of the picture"
     else:
         more = progress.information(views)

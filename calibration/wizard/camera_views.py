@@ -36,7 +36,7 @@ _SIGMA_PX, _LEAST_PX = 0.15, 0.03
 _NEAR, _FAR = 0.7, 1.4
 _TILT_RAD = float(np.radians(38.0))
 _CALM_TILT_RAD = float(np.radians(25.0))
-_PLACES = 0.75
+_PLACES, _SHARE = 0.75, 0.6
 # Higher terms of real lenses; they keep views that say nothing of them from guessing.
 _PLAUSIBLE = (("k2", 0.0, 0.5), ("p1", 0.0, 3e-3), ("p2", 0.0, 3e-3))
 
@@ -150,6 +150,7 @@ class Progress:
             max(min(far, _FAR * middle), near),
             tilt_rad=_CALM_TILT_RAD if calm else _TILT_RAD,
             places=0.5 if calm else _PLACES,
+            share=lookout.least_share(_SHARE),
         )
         rng = lookout.bench.rng(lookout.store.next_number)
         return candidate_views(

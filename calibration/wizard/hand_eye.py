@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 FEWEST_VIEWS, MOST_VIEWS, HELD_OUT_VIEWS = 14, 24, 4
 BAR_MM = 0.3
 _MOST_FAILURES = 12
-_NEAR, _FAR = 0.75, 1.3
+_NEAR, _FAR, _SHARE = 0.75, 1.3, 0.6
 _WHAT = "the expected error at the working distance"
 
 
@@ -142,7 +142,10 @@ class _Session:
         near, far = focus.range_mm()
         middle = self.setting.stand_off_mm(facts)
         within = ViewRange(
-            max(near, _NEAR * middle), min(far, _FAR * middle), tilt_rad=tilt_rad
+            max(near, _NEAR * middle),
+            min(far, _FAR * middle),
+            tilt_rad=tilt_rad,
+            share=lookout.least_share(_SHARE),
         )
         return candidate_views(
             self.belief.prior.camera,

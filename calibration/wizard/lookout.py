@@ -149,6 +149,10 @@ class Lookout:
         """(m, 3), of the whole target."""
         return self.layout.points_mm
 
+    def least_share(self, share: float) -> float:
+        """Of the target's points that a view must show: only ChArUco is read in part."""
+        return share if isinstance(self.layout, Charuco) else 1.0
+
     @property
     def size_px(self) -> tuple[int, int]:
         """Columns and rows of a picture."""
