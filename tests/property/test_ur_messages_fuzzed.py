@@ -1,7 +1,5 @@
 """Whatever a dying worker or a broken network says, only our own errors come of it."""
 
-import contextlib
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -33,16 +31,22 @@ JSON = st.recursive(
 )
 
 
-def takes_anything(line: bytes) -> None:
-    with contextlib.suppress(Unreadable):
+def is_taken_or_refused(line: bytes) -> bool:
+    """A message that comes back as it was sent, or none."""
+    try:
         found = decode(line)
-        assert decode(encode(found)).keys() == found.keys()
+    except Unreadable:
+        return True
+    return decode(encode(found)).keys() == found.keys()
 
 
-def takes_any_status(good: Status, name: str, value: object) -> None:
-    with contextlib.suppress(Implausible):
+def is_status_or_implausible(good: Status, name: str, value: object) -> bool:
+    """A status that can be judged, or none."""
+    try:
         found = Status.from_wire({**good.to_wire(), name: value})
-        assert isinstance(found.standing, bool)
+    except Implausible:
+        return True
+    return isinstance(found.standing, bool)
 
 
 @given(STATUS)
@@ -53,12 +57,12 @@ def test_a_status_comes_back_as_it_was_sent(status):
 
 @given(st.binary(max_size=200))
 def test_any_line_is_a_message_or_unreadable(line):
-    takes_anything(line)
+    assert is_taken_or_refused(line)
 
 
 @given(STATUS, st.sampled_from(sorted(Status.__dataclass_fields__)), JSON)
 def test_any_status_is_one_or_implausible(good, name, value):
-    takes_any_status(good, name, value)
+    assert is_status_or_implausible(good, name, value)
 
 
 @pytest.mark.full
@@ -66,7 +70,7 @@ def test_any_status_is_one_or_implausible(good, name, value):
 @given(st.binary(max_size=200))
 @settings(max_examples=100_000, deadline=None)
 def test_any_line_is_a_message_or_unreadable_at_length(line):
-    takes_anything(line)
+    assert is_taken_or_refused(line)
 
 
 @pytest.mark.full
@@ -74,7 +78,7 @@ def test_any_line_is_a_message_or_unreadable_at_length(line):
 @given(STATUS, st.sampled_from(sorted(Status.__dataclass_fields__)), JSON)
 @settings(max_examples=100_000, deadline=None)
 def test_any_status_is_one_or_implausible_at_length(good, name, value):
-    takes_any_status(good, name, value)
+    assert is_status_or_implausible(good, name, value)
 
 
 @given(st.lists(st.floats(0.001, 0.05), min_size=1, max_size=50), st.floats(0, 5))

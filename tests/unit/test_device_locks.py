@@ -98,7 +98,8 @@ def test_a_process_that_was_killed_leaves_nothing_locked(tmp_path: Path) -> None
         other.send_signal(signal.SIGKILL)
         other.wait()
         with devices_held(robots("serial:/dev/ttyUSB0"), folder=tmp_path):
-            pass
+            (lock,) = tmp_path.iterdir()
+            assert str(os.getpid()) in lock.read_text()
 
 
 def test_it_is_free_again_afterwards(tmp_path: Path) -> None:

@@ -74,17 +74,17 @@ def _running() -> Robot:
     return robot
 
 
-def _as_new(robot: Robot) -> None:
+def _as_new(robot: Robot) -> bool:
     """Powered, safe, and a program that is sent now runs."""
     assert robot.safety.may_run
     for program in ScriptReader().feed(b"def rtde_control():\nend\n"):
         robot.upload(program)
     for _ in range(60):
         robot.tick()
-    assert robot.state == RuntimeState.PLAYING
+    return robot.state == RuntimeState.PLAYING
 
 
-def _talk(data: list[bytes]) -> None:
+def _talk(data: list[bytes]) -> Robot:
     robot = _running()
     before = robot.arm.joints.tolist()
     session, wire = _session(robot)
@@ -100,20 +100,20 @@ def _talk(data: list[bytes]) -> None:
     if not any(chunk[2:3] == b"U" for chunk in data):  # only those carry commands
         assert robot.arm.joints.tolist() == before
         assert robot.arm.begun == 0
-    _as_new(robot)
+    return robot
 
 
 @given(st.lists(packages(), max_size=8))
 @settings(max_examples=60, deadline=None)
 def test_rtde_clients_cannot_break_it(data: list[bytes]) -> None:
-    _talk(data)
+    assert _as_new(_talk(data))
 
 
 @pytest.mark.full
 @given(st.lists(packages(), max_size=4))
 @settings(max_examples=3_000, deadline=None)
 def test_many_rtde_clients_cannot_break_it(data: list[bytes]) -> None:
-    _talk(data)
+    assert _as_new(_talk(data))
 
 
 @given(

@@ -53,7 +53,12 @@ def verbs(controller: Controller) -> dict[str, Verb]:
     state                     what it knows of itself
     ========================  ====================================================
     """
-    table = {**_safety(controller), **_robot(controller), **_wires(controller)}
+    table = {
+        **_safety(controller),
+        **_robot(controller),
+        **_tool(controller),
+        **_wires(controller),
+    }
 
     def later(asked: Asked) -> None:
         then = dict(cast("Asked", asked["then"]))
@@ -148,15 +153,7 @@ def _robot(controller: Controller) -> dict[str, Verb]:
         robot.serial = str(asked.get("serial", robot.serial))
         robot.model = str(asked.get("model", robot.model))
 
-    def retool(asked: Asked) -> None:
-        tcp = tuple(float(value) for value in cast("list[float]", asked.get("tcp", [])))
-        if tcp and (len(tcp) != 6 or not all(map(math.isfinite, tcp))):
-            raise ValueError("tcp is six finite numbers")
-        robot.tcp = tcp or robot.tcp
-        robot.payload_kg = _float(asked, "payload_kg", robot.payload_kg)
-
     return {
-        "retool": retool,
         "remote": remote,
         "foreign_program": foreign_program,
         "program_stop": lambda _: robot.end_program("stopped on the pendant"),
@@ -167,6 +164,19 @@ def _robot(controller: Controller) -> dict[str, Verb]:
         "identity": identity,
         "state": lambda _: state(controller),
     }
+
+
+def _tool(controller: Controller) -> dict[str, Verb]:
+    robot = controller.robot
+
+    def retool(asked: Asked) -> None:
+        tcp = tuple(float(value) for value in cast("list[float]", asked.get("tcp", [])))
+        if tcp and (len(tcp) != 6 or not all(map(math.isfinite, tcp))):
+            raise ValueError("tcp is six finite numbers")
+        robot.tcp = tcp or robot.tcp
+        robot.payload_kg = _float(asked, "payload_kg", robot.payload_kg)
+
+    return {"retool": retool}
 
 
 def _wires(controller: Controller) -> dict[str, Verb]:
