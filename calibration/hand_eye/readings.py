@@ -48,7 +48,6 @@ _UNITS = {
     1e3: "in micrometres, or those of the target in metres",
     1 / 25.4: "in inches",
 }
-_UNEXPLAINED = 5.0
 _LEAST_RATIO = 0.3
 _LEAST_SEEN_RAD = float(np.radians(5.0))
 
@@ -83,16 +82,19 @@ class ReadingCheck:
         """The reading that fits best."""
         return self.ranked[0]
 
-    def causes(self, allowed_mm: float) -> tuple[Cause, ...]:
+    def causes(
+        self, allowed_mm: float, hopeless_mm: float = float("inf")
+    ) -> tuple[Cause, ...]:
         """A wrong reading, or lengths in another unit.
 
         Args:
             allowed_mm: the misfit that the noise of robot and pictures explains.
+            hopeless_mm: a misfit that no error of lens or robot makes.
         """
         beyond = self.told.misfit_mm > max(_BETTER * self.best.misfit_mm, allowed_mm)
         if beyond and self.best.name != AS_TOLD:
             return (self._other_reading(), *_scale_causes(self.best))
-        if self.told.misfit_mm > _UNEXPLAINED * allowed_mm:
+        if self.told.misfit_mm > max(allowed_mm, hopeless_mm):
             return (self._no_reading(),)
         return _scale_causes(self.told)
 

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 _FATAL = ("reading", "unit", "no-reading-fits", "half-turned", "pose-stuck")
 _UNEXPLAINED_SIGMAS = 10.0
+_HOPELESS_SHARE = 0.2
 
 
 def calibrate_hand_eye(
@@ -95,7 +96,8 @@ def _checked(
     readings = check_readings(data.base_from_tool, poses, data.mount)
     clear = judge.stuck(data, poses)
     clear = clear or half_turn.causes(data.fixed_from_moving, poses, data.seen.names)
-    return readings, clear or readings.causes(_explained_mm(poses, robot))
+    hopeless = _HOPELESS_SHARE * _distance_mm(poses)
+    return readings, clear or readings.causes(_explained_mm(poses, robot), hopeless)
 
 
 def _solved(
@@ -145,6 +147,9 @@ def _solution(
 
 def _explained_mm(targets: Poses, robot: RobotNoise) -> float:
     """Misfit of two motions that the robot's stated noise could just explain."""
-    distance = float(np.linalg.norm(targets.translation_mm, axis=1).mean())
-    one = np.hypot(robot.position_mm, robot.angle_rad * distance)
+    one = np.hypot(robot.position_mm, robot.angle_rad * _distance_mm(targets))
     return float(_UNEXPLAINED_SIGMAS * one)
+
+
+def _distance_mm(targets: Poses) -> float:
+    return float(np.linalg.norm(targets.translation_mm, axis=1).mean())
