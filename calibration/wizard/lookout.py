@@ -7,7 +7,7 @@ candidate wants it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from calibration.camera_start import poses_with
 from calibration.observations import Observations
 from calibration.poses import Poses, only
-from calibration.projection import PinholeCamera
+from calibration.projection import PinholeCamera, project
 from calibration.targets.checks import check_picture, measure_picture
 from calibration.targets.detect import Detection, Rejection, detect
 from calibration.targets.gather import examined
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from pydantic import JsonValue
 
     from calibration.wizard.session_store import Sample, SessionStore
-    from mvp.geometry import FloatArray, Pose
+    from mvp.geometry import FloatArray, IntArray, Pose
     from mvp.optics import LensSetting
     from mvp.wizard import Answer, Bench, SessionFacts, Shot, Stand, Step, TargetFacts
 
@@ -261,17 +261,49 @@ class Lookout:
     ) -> Finding:
         kept = dict(extra or {})
         found = found_in(shot, self.layout, sharp=sharp)
+        if not isinstance(found, Rejection):
+            found = self._in_order(found, shot)
         if isinstance(found, Rejection):
             return Finding(None, found.reason, found.action, kept)
         if not shot.settled:
             return Finding(found, *_UNSETTLED, kept)
         return Finding(found, extra=kept)
 
+    def _in_order(self, found: Detection, shot: Shot) -> Detection:
+        """Points of a target that looks the same from another end, in their order.
+
+        Where the arm stands, and where the target lies roughly, tells its ends apart.
+        """
+        if isinstance(self.layout, Charuco):
+            return found
+        orders = _orders(self.layout)
+        lens = self.facts.lens_at(dict(shot.lens_steps))
+        tool = Poses.of([shot.base_from_tool])
+        there = first_aim(self.facts, lens.d_mm).seen_from(tool)
+        camera, points = camera_at(self.facts, lens), self.points_mm
+        seen = project(camera, there.rotation[0], there.translation_mm[0], points)
+        foreseen = seen - seen.mean(axis=0)
+        pixels = found.pixels - found.pixels.mean(axis=0)
+        off = [float(((foreseen[ids] - pixels) ** 2).sum()) for ids in orders]
+        if not np.isfinite(off).all():
+            return found
+        ids = orders[int(np.argmin(off))]
+        return replace(found, ids=ids, points_mm=points[ids])
+
     def complain(self, reason: str) -> Generator[Step, Answer, None]:
         """Say why a better view could not be had, once for each reason."""
         if reason not in self._told:
             self._told.add(reason)
             yield Say(f"not every view can be had: {reason}")
+
+
+def _orders(layout: Chessboard | CircleGrid) -> list[IntArray]:
+    """Ids of all points in every order in which a detector may give them."""
+    grid = np.arange(len(layout.points_mm)).reshape(layout.rows, layout.columns)
+    ways = [grid, grid[::-1, ::-1]]
+    if isinstance(layout, CircleGrid):
+        ways += [grid[::-1], grid[:, ::-1]]
+    return [np.ascontiguousarray(way).ravel() for way in ways]
 
 
 def _close(one: Pose, other: Pose) -> bool:

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pytest
 
 from calibration.wizard.session_store import SessionStore
 from mvp.calibrated import CameraCalibration
 from mvp.cell.init_job import copy_cell
 from mvp.cli.main import invoke
-
-if TYPE_CHECKING:
-    import pytest
 
 _DEAD = "\n[world.faults.camera]\ndead_after_frames = 3\n"
 
@@ -68,7 +67,7 @@ def killed_after(cell: Path, session: Path, more: int) -> None:
         process.communicate()
 
 
-def true_camera(cell: Path, found: CameraCalibration) -> CameraCalibration:
+def true_camera(cell: Path) -> CameraCalibration:
     truth = (cell.parent / "truth" / "camera.json").read_bytes()
     return CameraCalibration.model_validate_json(truth)
 
@@ -113,7 +112,7 @@ def test_a_session_survives_a_dead_camera_and_a_kill_and_tells_the_truth(
     # The truth is inside the stated interval: all free numbers together, 99.9 %.
     found = CameraCalibration.model_validate_json(placed.read_bytes())
     assert found.provenance.origin == "measured"
-    _inside(found, true_camera(cell, found))
+    _inside(found, true_camera(cell))
 
     # Once more without a device, to the last digit; nothing is put in place.
     assert (
@@ -126,8 +125,38 @@ def test_a_session_survives_a_dead_camera_and_a_kill_and_tells_the_truth(
     assert again["placed"] is None
 
 
-def _inside(found: CameraCalibration, true: CameraCalibration) -> None:
-    """Mahalanobis distance of centre and distortion below the 99.9 % point."""
+@pytest.mark.full
+@pytest.mark.parametrize("kind", ["chessboard", "circle-grid"])
+def test_a_target_that_looks_the_same_from_its_other_end_is_read_in_order(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cell = quick_cell(tmp_path / "cell")
+    text = cell.read_text().replace('kind = "charuco"', f'kind = "{kind}"')
+    text = re.sub(r"(?m)^(marker_mm|dictionary) .*\n", "", text)
+    text = re.sub(r"(?m)^columns = 12", "columns = 10", text)
+    cell.write_text(re.sub(r"(?m)^rows = 9", "rows = 7", text))
+    assert calibrate(str(cell)) == 0
+    assert said(capsys)["verdict"] == "go"
+    placed = (cell.parent / "calibration" / "camera.json").read_bytes()
+    _inside(CameraCalibration.model_validate_json(placed), true_camera(cell))
+
+
+@pytest.mark.full
+def test_the_truth_is_inside_the_interval_whatever_views_are_taken(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    distances = []
+    for seed in range(1, 9):
+        cell = quick_cell(tmp_path / f"cell {seed}")
+        assert calibrate(str(cell), "--seed", str(seed)) == 0
+        found = CameraCalibration.model_validate(said(capsys)["document"])
+        distances.append(_inside(found, true_camera(cell)))
+    # Eight times six numbers: 99.9 % of sums of chi squares lie between.
+    assert 22 < sum(distances) < 84
+
+
+def _inside(found: CameraCalibration, true: CameraCalibration) -> float:
+    """Mahalanobis distance of centre and distortion, below the 99.9 % point."""
     assert found.covariance is not None
     names = {"cx_px": "centre_x_px", "cy_px": "centre_y_px"}
     wanted = ["cx_px", "cy_px", "k1", "k2", "p1", "p2"]
@@ -139,5 +168,7 @@ def _inside(found: CameraCalibration, true: CameraCalibration) -> None:
             for n in wanted
         ]
     )
-    assert error @ np.linalg.solve(spread, error) < 22.5
+    distance = float(error @ np.linalg.solve(spread, error))
+    assert distance < 22.5
     assert abs(true.centre_x_px - 319.5) > 3  # the data sheet would not do
+    return distance
