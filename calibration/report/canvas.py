@@ -64,6 +64,6 @@ def as_svg(figure: Figure, alt: str) -> Drawn:
     return Drawn(f"data:image/svg+xml;base64,{text}", alt)
 
 
-def as_png(content: bytes, alt: str) -> Drawn:
-    """The bytes of a PNG file."""
-    return Drawn("data:image/png;base64," + base64.b64encode(content).decode(), alt)
+def as_jpeg(content: bytes, alt: str) -> Drawn:
+    """The bytes of a JPEG file."""
+    return Drawn("data:image/jpeg;base64," + base64.b64encode(content).decode(), alt)

@@ -17,6 +17,7 @@ from calibration.report.model import (
     ReportData,
     ResidualField,
 )
+from calibration.report.numbers import sigma_text, value_text
 from calibration.report.shapes import NORMAL_95
 from calibration.verdict import judged
 from mvp.optics import focus_distance_mm
@@ -220,8 +221,9 @@ def _around(sigma_mm: FloatArray) -> FloatArray:
 
 
 def _hysteresis_words(found: Hysteresis) -> str:
+    width, sigma = found.width_steps, found.width_sigma_steps
     return (
-        f"Backlash {found.width_steps:.1f} ± {found.width_sigma_steps:.1f} steps, "
+        f"Backlash {value_text(width, sigma)} ± {sigma_text(sigma)} steps, "
         f"repeatability {found.repeatability_steps:.2g} steps."
     )
 

@@ -8,12 +8,13 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 
-from calibration.report.canvas import as_png
+from calibration.report.canvas import as_jpeg
 
 if TYPE_CHECKING:
     from calibration.report.model import Photo
 
 _WIDTH_PX = 260
+_QUALITY = 80
 _MOST_POINTS = 150
 _MARK = "#ff9a1f"
 
@@ -27,7 +28,8 @@ def thumbnail(photo: Photo) -> Markup | None:
     scale = min(1.0, _WIDTH_PX / columns)
     size = (max(round(columns * scale), 1), max(round(rows * scale), 1))
     small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
-    drawn = as_png(cv2.imencode(".png", small)[1].tobytes(), photo.name)
+    coded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
+    drawn = as_jpeg(coded.tobytes(), photo.name)
     points = np.asarray(photo.points_px, dtype=np.float64).reshape(-1, 2)
     every = -(-len(points) // _MOST_POINTS) or 1
     radius = 0.011 * columns

@@ -89,7 +89,9 @@ def render_report(data: ReportData) -> str:
 def _page(data: ReportData) -> Context:
     word, grade_class, meaning = _GRADES[data.verdict.grade]
     about = data.about
-    anchors = {photo.name: f"picture-{i}" for i, photo in enumerate(about.photos)}
+    anchors: dict[str, str] = {}
+    for index, photo in enumerate(about.photos):
+        anchors.setdefault(photo.name, f"picture-{index}")
     return {
         "title": TITLES[data.kind],
         "word": word,
@@ -118,7 +120,9 @@ def _page(data: ReportData) -> Context:
         "comparison": _comparison(about.comparison),
         "plots": [_plot(plot, anchors) for plot in data.plots],
         "tables": data.tables,
-        "photos": [_photo(photo, anchors[photo.name]) for photo in about.photos],
+        "photos": [
+            _photo(photo, f"picture-{i}") for i, photo in enumerate(about.photos)
+        ],
         "left_out": about.left_out,
         "provenance": about.provenance,
     }

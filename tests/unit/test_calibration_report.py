@@ -296,6 +296,7 @@ def test_every_page_is_whole_fetches_nothing_and_explains_every_plot(kind, tmp_p
     assert data.headline in page.text
     inner = [link[1:] for link in page.links if link.startswith("#")]
     assert set(inner) <= set(page.ids)
+    assert len(set(page.ids)) == len(page.ids)
 
 
 def shown(data, *kinds):
@@ -312,6 +313,13 @@ def test_bars_lead_to_pictures_and_pictures_to_their_files():
     page = Page(render(shown(camera_page(), ViewBars)))
     assert "#picture-0" in page.links
     assert "images/0000.png" in page.links
+
+
+def test_pictures_of_one_name_are_told_apart():
+    twice = (Photo("view 1"), Photo("view 1"))
+    page = Page(render(shown(camera_page(photos=twice), ViewBars)))
+    assert page.ids == ["picture-0", "picture-1"]
+    assert "#picture-0" in page.links
 
 
 def test_names_are_escaped_wherever_they_come_from():
