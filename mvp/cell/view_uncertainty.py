@@ -170,5 +170,5 @@ def _spread(cell: LoadedCell, problem: PlanningProblem, view: Views) -> ErrorSpr
         f_mm=float(f_mm),
         d_mm=float(d_mm),
         a_mm=float(a_mm),
-        measured=known,
+        sources=known,
     )

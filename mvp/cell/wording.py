@@ -40,8 +40,8 @@ def probability_lines(found: KeptProbability) -> list[str]:
 
 def spread_text(spread: ErrorSpread) -> str:
     """How far the camera may be off, and who says so."""
-    measured = ", ".join(spread.measured).replace("_", " ")
-    source = f"measured: {measured}" if measured else "stated in [uncertainty]"
+    named = ", ".join(spread.sources).replace("_", " ")
+    source = f"calibrations: {named}" if named else "stated in [uncertainty]"
     return f"{spread.position_95_mm:.2g} mm, {spread.angle_95_deg:.2g} deg ({source})"
 
 

@@ -81,7 +81,7 @@ class ErrorSpread(FileModel):
 
     ``position_mm`` and ``angle_deg``: root mean square of the camera's distance from,
     and turn against, its plan as seen from the part; ``*_95``: exceeded once in twenty.
-    ``measured``: calibrations whose covariances say so; what they leave open, and all
+    ``sources``: calibrations whose covariances say so; what they leave open, and all
     of it when there are none, is the cell's stated uncertainty.
     """
 
@@ -92,7 +92,7 @@ class ErrorSpread(FileModel):
     f_mm: float
     d_mm: float
     a_mm: float
-    measured: list[str] = Field(default_factory=list)
+    sources: list[str] = Field(default_factory=list)
 
 
 class KeptProbability(FileModel):

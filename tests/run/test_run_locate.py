@@ -124,7 +124,7 @@ def test_the_plan_was_made_for_where_the_part_lies(located: Done):
     assert any("from where it was believed to lie" in note for note in plan.notes)
     for view in plan.views:
         assert view.probability is not None
-        assert "part_pose" in view.probability.spread.measured
+        assert "part_pose" in view.probability.spread.sources
         assert view.probability.spread.position_95_mm < 1.0
 
 

@@ -103,7 +103,7 @@ def test_a_plan_of_a_measured_cell_reckons_with_what_was_measured(planned):
     assert planned.plan.status == "admissible"
     for view in planned.plan.views:
         found = view.probability
-        assert found.spread.measured == [
+        assert found.spread.sources == [
             "camera",
             "hand_eye",
             "part_pose",
