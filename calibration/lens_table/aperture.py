@@ -73,8 +73,15 @@ def defocus(
     return np.asarray(np.asarray(magnification, np.float64) - ratio)
 
 
-def measure_aperture(shots: BlurShots) -> ApertureResult:
+def measure_aperture(
+    shots: BlurShots, sharp_at: tuple[float, float] | None = None
+) -> ApertureResult:
     """The pupil from blur on both sides of the sharp place, or one.
+
+    Args:
+        shots: blur against defocus.
+        sharp_at: mean and one standard deviation of where it is sharp, from a table;
+            where only one side was seen the place and the pupil are hard to tell apart.
 
     Raises:
         CalibrationError: too few pictures, or hardly any was out of focus.
@@ -89,7 +96,10 @@ def measure_aperture(shots: BlurShots) -> ApertureResult:
             "the blur hardly changed over the pictures",
             hint="sweep further out of focus: blur must at least double",
         )
-    found = fit(_BlurProblem(shots), _start(shots), FitOptions(tolerance=1e-7))
+    start = _start(shots)
+    if sharp_at is not None:
+        start[1] = sharp_at[0]
+    found = fit(_BlurProblem(shots, sharp_at), start, FitOptions(tolerance=1e-7))
     a, centre, least = (float(value) for value in found.state)
     estimate = found.estimate
     return ApertureResult(
@@ -107,8 +117,12 @@ class _BlurProblem:
     """sqrt((a (g - g0))^2 + b0^2) against blur."""
 
     shots: BlurShots
+    sharp_at: tuple[float, float] | None = None
     names = ("a_mm", "sharp_at", "least_blur_mm")
-    prior_rows = 0
+
+    @property
+    def prior_rows(self) -> int:
+        return int(self.sharp_at is not None)
 
     @property
     def scales(self) -> FloatArray:
@@ -117,14 +131,21 @@ class _BlurProblem:
     def residuals(self, state: FloatArray) -> FloatArray:
         a, centre, least = state
         blur = np.hypot(a * (self.shots.defocus - centre), least)
-        return np.asarray((blur - self.shots.blur_mm) / self.shots.sigma_mm)
+        rest = (blur - self.shots.blur_mm) / self.shots.sigma_mm
+        if self.sharp_at is None:
+            return np.asarray(rest)
+        mean, sigma = self.sharp_at
+        return np.append(rest, (centre - mean) / sigma)
 
     def jacobian(self, state: FloatArray) -> FloatArray:
         a, centre, least = state
         off = self.shots.defocus - centre
         blur = np.maximum(np.hypot(a * off, least), 1e-12)
         rows = np.stack([a * off**2, -(a**2) * off, np.full_like(off, least)], axis=1)
-        return np.asarray(rows / (blur * self.shots.sigma_mm)[:, None])
+        slope = rows / (blur * self.shots.sigma_mm)[:, None]
+        if self.sharp_at is None:
+            return np.asarray(slope)
+        return np.vstack([slope, [0.0, 1 / self.sharp_at[1], 0.0]])
 
     def moved(self, state: FloatArray, step: FloatArray) -> FloatArray:
         return state + step

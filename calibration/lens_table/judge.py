@@ -19,7 +19,7 @@ _MORE_VIEWS = "take more pictures with the target tilted by 30 deg and filling 8
 _D = Limit("d-uncertain", "one sigma of d", "%", 0.05, 0.2, _MORE_VIEWS)
 _FOCUS = Limit(
     "d-against-depth-of-focus",
-    "one sigma of d, as a share of the depth of focus c d / a,",
+    "one sigma of the sharp place, as a share of the depth of focus c d / a,",
     "%",
     10.0,
     33.0,
@@ -65,7 +65,7 @@ def judge_lens(tables: LensTables) -> Verdict:
     """GO, MARGINAL or NO-GO with causes."""
     fit = tables.fit
     d_share = 100 * float((fit.d_sigma_mm / fit.d_mm).max())
-    depth_share = 100 * float((fit.d_sigma_mm / tables.depth_of_focus_mm).max())
+    depth_share = 100 * float((tables.sharp_sigma_mm / tables.depth_of_focus_mm).max())
     iris = tables.curves["iris"].nodes
     return judged(
         _D.check(d_share),

@@ -188,6 +188,17 @@ class OpticsProblem:
         f = self._row(zoom, self.bases.x * 0, self.bases.e * 0)
         return f + x, x
 
+    def defocus_rows(self, state: FloatArray) -> FloatArray:
+        """Derivatives (n, parameters) of m - f_cal / z at each node's sharp distance z."""
+        f, x, e = self.unknowns(state)
+        zoom = np.eye(len(self.seen.zoom_steps))[self.seen.zoom_of]
+        near = x / (f**2 + x * (f - e))
+        return self._row(
+            zoom * (-x / f**2 - (1 + e * x / f**2) * near)[:, None],
+            self.bases.x * (1 / f - (1 - e / f) * near)[:, None],
+            self.bases.e * (x / f * near)[:, None],
+        )
+
     def parameters(self, state: FloatArray, of: int) -> FloatArray:
         """One block: 0 f, 1 x, 2 e, 3 centre x, 4 centre y, 5 k1, 6 origins."""
         return np.asarray(state[self._parts[of]])

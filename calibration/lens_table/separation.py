@@ -79,6 +79,8 @@ class LensFit:
         f_mm: (z,); ``f_sigma_mm`` one standard deviation.
         x_mm: (k,), the extension d - f at the focus steps; with ``x_sigma_mm``.
         d_mm: (n,), at the nodes; with ``d_sigma_mm``.
+        sharp_sigma_mm: (n,), one standard deviation of the image distance of an object at
+            the sharp distance less d, f, x and e together.
         e_mm: pupil offset; with ``e_sigma_mm``.
         node_values: (n, 4) of ``NODE_NAMES`` as fitted.
         tests: of what was taken for granted.
@@ -94,6 +96,7 @@ class LensFit:
     x_sigma_mm: FloatArray
     d_mm: FloatArray
     d_sigma_mm: FloatArray
+    sharp_sigma_mm: FloatArray
     e_mm: float
     e_sigma_mm: float
     node_values: FloatArray
@@ -238,6 +241,7 @@ def _described(
         _sigma(x_rows[first], covariance),
         f + x,
         _sigma(d_rows, covariance),
+        _sigma(problem.defocus_rows(found.state), covariance) * (f + x),
         float(e[0]),
         float(np.sqrt(e_block[0, 0])),
         problem.node_values(found.state),

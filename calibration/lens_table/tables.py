@@ -123,6 +123,15 @@ class LensTables:
         widest = float(self.curves["iris"].table_mm.max())
         return np.asarray(self.measured.blur_limit_mm * self.fit.d_mm / widest)
 
+    @property
+    def sharp_sigma_mm(self) -> FloatArray:
+        """(n,): one standard deviation of the sharp place behind the lens at every node.
+
+        How far the sensor is from where the table puts it for an object at the sharp
+        distance: f, x and e together, which are known better than each of them.
+        """
+        return self.fit.sharp_sigma_mm
+
 
 def build_tables(measured: LensMeasurements) -> LensTables:
     """Separate f, d and e, and draw a curve for every motor.

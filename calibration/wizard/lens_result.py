@@ -56,7 +56,8 @@ VERIFICATION = "verification"
 _LEAST_VIEWS = 3
 _WHAT = "the principal distance at settings between the nodes"
 _AIRY_SIGMA = 1.0290 / (2 * np.sqrt(2 * np.log(2)))
-_A_FLOOR = 0.004
+_SHARP_SHARE = 0.005
+_A_FLOOR = 0.01  # discs of a few pixels, among diffraction and edges that are not sharp
 _CENTRE_PX, _K1 = 0.3, 0.003
 
 
@@ -227,7 +228,8 @@ def _pupil(
         pitch_mm=pitch,
         diffraction_px=spot,
     )
-    result = measure_aperture(shots)
+    deepest = float(np.abs(shots.defocus).max())
+    result = measure_aperture(shots, (0.0, _SHARP_SHARE * deepest))
     sigma = float(np.hypot(result.a_sigma_mm, _A_FLOOR * result.a_mm))
     return Measured(result.a_mm, sigma)
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from mvp.imaging.light import Float32Array
 
 _BLACK, _WHITE = 0.05, 0.85
-_TEXEL_MM = 0.12
-_MOST_TEXELS = 6_000_000
+_TEXEL_MM = 0.06
+_MOST_TEXELS = 9_000_000
 _BORDER = 0.5  # of a square, white, around everything printed
 _DISC_PARTS = 8  # samples along each side of a texel that a disc's edge crosses
 
