@@ -5,16 +5,17 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-from mvp.devices import Thermometer
+from mvp.devices import Approaching, Thermometer
 from mvp.wizard import SessionFacts, TargetFacts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from mvp.calibrated import LensTableCalibration
     from mvp.cell.cell_config import TargetConfig
     from mvp.cell.engine import CellDevices
     from mvp.cell.loading import LoadedCell
-    from mvp.devices import DeviceInfo
+    from mvp.devices import Axis, DeviceInfo
 
 _PRINT_SIGMA = 0.002  # office printers are off by about so much
 
@@ -38,7 +39,7 @@ def facts_of(
         serials={role: info.serial for role, info in infos.items()},
         arm_model=config.kinematics.model,
         camera=found.camera,
-        lens_table=found.lens_table,
+        lens_table=_arriving(found.lens_table, devices),
         hand_eye=found.hand_eye,
         part_pose=found.part_pose,
         robot={
@@ -63,6 +64,27 @@ def target_facts(config: TargetConfig | None) -> TargetFacts | None:
     if given["square_sigma_mm"] is None:
         given["square_sigma_mm"] = _PRINT_SIGMA * config.square_mm
     return TargetFacts.model_validate(given)
+
+
+_TABLES: dict[Axis, str] = {
+    "zoom": "zoom_f_mm",
+    "focus": "focus_extension_mm",
+    "iris": "iris_a_mm",
+}
+
+
+def _arriving(
+    table: LensTableCalibration, devices: CellDevices
+) -> LensTableCalibration:
+    """The table with the sides from which the lens says that it arrives."""
+    if not isinstance(devices.lens, Approaching):
+        return table
+    sides = devices.lens.approach()
+    changed = {
+        name: getattr(table, name).model_copy(update={"approach": sides[axis]})
+        for axis, name in _TABLES.items()
+    }
+    return table.model_copy(update=changed)
 
 
 def _temperature_c(cell: LoadedCell, devices: CellDevices) -> float | None:

@@ -156,7 +156,9 @@ def calibrate(
             allow_and_home(setting, bench, infos, front, request.key)
             outcome = drive(wizard, bench, store, request.options, front)
     with uninterrupted():
-        return _finished(setting, wizard, store, outcome)
+        document = _put_in_place(setting, wizard, store, outcome)
+    tell("drawing the report")
+    return _with_page(wizard, store, outcome, document)
 
 
 def recompute(request: CalibrateRequest, folder: Path) -> CalibrateDocument:
@@ -175,7 +177,7 @@ def recompute(request: CalibrateRequest, folder: Path) -> CalibrateDocument:
     if stored is not None:
         same = stored.document == document.document
         document = document.model_copy(update={"same_numbers": same})
-    return _with_page(wizard, store, outcome, document)
+    return _drawn(wizard, store, outcome, document)
 
 
 def drive(
@@ -312,7 +314,7 @@ def _resume_command(setting: Setting, key: str) -> str:
     return shlex.join(words)
 
 
-def _finished(
+def _put_in_place(
     setting: Setting, wizard: Wizard[Any], store: Store, outcome: Outcome
 ) -> CalibrateDocument:
     """Put the result in place unless it is a NO-GO, and write what was found."""
@@ -324,10 +326,13 @@ def _finished(
         document = document.model_copy(
             update={"placed": str(target), "kept": str(kept) if kept else None}
         )
-    document = _with_page(wizard, store, outcome, document)
+    _write_result(store, document)
+    return document
+
+
+def _write_result(store: Store, document: CalibrateDocument) -> None:
     text = document.model_dump_json(by_alias=True, indent=1) + "\n"
     write_durably(store.path / RESULT_FILE, text.encode())
-    return document
 
 
 def _document(store: Store, outcome: Outcome) -> CalibrateDocument:
@@ -362,6 +367,15 @@ def _stored_document(path: Path) -> CalibrateDocument | None:
 
 
 def _with_page(
+    wizard: Wizard[Any], store: Store, outcome: Outcome, document: CalibrateDocument
+) -> CalibrateDocument:
+    """The document with its report, in the folder, too."""
+    drawn = _drawn(wizard, store, outcome, document)
+    _write_result(store, drawn)
+    return drawn
+
+
+def _drawn(
     wizard: Wizard[Any], store: Store, outcome: Outcome, document: CalibrateDocument
 ) -> CalibrateDocument:
     """Draw the report; one that fails never spoils the result."""
