@@ -145,7 +145,7 @@ def _arm(setting: Setting, devices: CellDevices, answers: Answers) -> None:
         "homed": is_homed(arm) if isinstance(arm, Homable) else None,
     }
     answers.items.append(_fresh(answer_ms, age_s))
-    answers.items.append(_movable(state))
+    answers.items.append(_movable(arm, state))
     if is_homed(arm):
         answers.items.append(_place(setting, arm, state))
     elif not state.fault:
@@ -158,15 +158,13 @@ def _arm(setting: Setting, devices: CellDevices, answers: Answers) -> None:
         )
 
 
-def _movable(state: ArmState) -> CheckItem:
+def _movable(arm: Arm, state: ArmState) -> CheckItem:
     """Whether anything holds the arm against motion as it is."""
     if state.fault:
-        return failed(
-            "arm state",
-            f"cannot move as it is: {state.fault}",
-            "look what it touched; `mvp-cell recover CELL` walks the way back. A gantry "
-            "that was only switched on is locked, too: `mvp-cell home CELL`",
-        )
+        hint = "look what it touched; `mvp-cell recover CELL` walks the way back"
+        if not is_homed(arm):
+            hint += ". If it was only switched on, `mvp-cell home CELL` unlocks it"
+        return failed("arm state", f"cannot move as it is: {state.fault}", hint)
     if not state.standing:
         return doubtful(
             "arm state", "moves, and no command of ours is under way", "who drives it?"
