@@ -87,6 +87,8 @@ class CalibrateRequest:
         session: of ``--session``; None: a new one, or with ``resume`` the newest.
         resume: go on with a session that broke off.
         seed: of a new session.
+        accept: why a person takes the responsibility for poor calibrations that this
+            one builds on; empty: they are refused.
         options: for the wizard.
     """
 
@@ -94,6 +96,7 @@ class CalibrateRequest:
     session: Path | None = None
     resume: bool = False
     seed: int = 0
+    accept: str = ""
     options: WizardOptions = field(default_factory=WizardOptions)
 
 
@@ -140,7 +143,7 @@ def calibrate(
         tell("connecting to arm, lens and camera")
         infos = stack.enter_context(opened(devices))
         check_simulated(setting.cell, infos)
-        check_reliance(setting.cell, infos, request.key)
+        check_reliance(setting.cell, infos, request.key, request.accept)
         fresh = facts_of(
             setting.cell, devices, infos, key=request.key, seed=request.seed
         )
@@ -260,16 +263,18 @@ def _check_key(store: Store, key: str) -> None:
         )
 
 
-def check_reliance(cell: LoadedCell, infos: dict[str, DeviceInfo], key: str) -> None:
+def check_reliance(
+    cell: LoadedCell, infos: dict[str, DeviceInfo], key: str, accept: str
+) -> None:
     """Refuse to build on a calibration that is poor, or of another device.
 
     Raises:
-        CalibrationError: it is, and must be measured first.
+        CalibrationError: it is, must be measured first, and nobody accepts it.
     """
     found, needed = cell.calibrations, _RELIES_ON.get(key, ())
     serials = {role: info.serial for role, info in infos.items()}
     objections = [*found.objections, *of_serials(found, serials)]
-    require_accepted([one for one in objections if one.name in needed], "")
+    require_accepted([one for one in objections if one.name in needed], accept)
 
 
 def allow_and_home(

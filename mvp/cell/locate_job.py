@@ -93,7 +93,7 @@ def locate_part(
         tell("connecting to arm, lens and camera")
         infos = stack.enter_context(opened(devices))
         check_simulated(cell, infos)
-        check_reliance(cell, infos, KEY)
+        check_reliance(cell, infos, KEY, cell.accept_calibration)
         facts = facts_of(cell, devices, infos, key=KEY, seed=seed)
         store = wizard.sessions.create(folder.locating, facts)
         speed = start_speed(setting, devices, infos)

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mvp.cli.options import CellArgument, JsonOption, SeedOption, TaskOption, YesOption
+from mvp.cli.options import (
+    AcceptOption,
+    CellArgument,
+    JsonOption,
+    SeedOption,
+    TaskOption,
+    YesOption,
+)
 
 if TYPE_CHECKING:
     from mvp.cell.calibrate_document import CalibrateDocument
@@ -46,6 +53,7 @@ def calibrate(
         bool, typer.Option("--resume", help="go on with the session that broke off")
     ] = False,
     seed: SeedOption = 0,
+    accept_calibration: AcceptOption = "",
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> int:
@@ -59,7 +67,8 @@ def calibrate(
     from mvp.cli.wizard_view import print_result
     from mvp.wizard import WizardOptions
 
-    request = CalibrateRequest(kind, session, resume, seed, WizardOptions(auto=auto))
+    options = WizardOptions(auto=auto)
+    request = CalibrateRequest(kind, session, resume, seed, accept_calibration, options)
     if session is not None and not resume:
         document = _recomputed(cell, request, session)
     else:
