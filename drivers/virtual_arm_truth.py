@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from mvp.kinematics import ArmModel
 
 _WAVES = 8
-_PER_RAD = 1.5  # how quickly the error changes: radians of a wave per radian of a joint
-_PER_MM = 1 / 200
+_PER_RAD = 8.0  # how quickly the error changes: radians of a wave per radian of a joint
+_PER_MM = 1 / 40
 _STREAM = 7  # of the world's seed: other errors keep their directions
 
 
