@@ -103,8 +103,8 @@ def judge_camera(
     counts = np.bincount(seen.view)
     rms = float(np.sqrt((view_rms_px**2 @ counts) / counts.sum()))
     return judged(
-        _mirrored(state) if faces_camera and seen.planar() else (),
         _out_of_order(seen) if seen.planar() else (),
+        _mirrored(state) if faces_camera and seen.planar() else (),
         _outlying_views(seen, apart_rms_px),
         TILT.check(float(np.degrees(state.tilt_rad.max()))) if seen.planar() else (),
         FILLED.check(_filled_percent(seen)),
