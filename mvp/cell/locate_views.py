@@ -92,8 +92,12 @@ def _around(
 ) -> list[_Candidate]:
     """Useful views in reach that circle the features, at the same lens setting."""
     problem = realised.problem
+    dictated = planned.setting.cell.arm.dictates_roll
     names, poses = _circled(
-        view.id, realised.view.part_from_camera(), problem.target_centre_mm
+        view.id,
+        realised.view.part_from_camera(),
+        problem.target_centre_mm,
+        _ROLLS_DEG[:1] if dictated else _ROLLS_DEG,
     )
     setting = realised.setting
     views = concatenated(
@@ -133,7 +137,7 @@ def _seen(planned: Planned, features: Sequence[Feature], views: Views) -> BoolAr
 
 
 def _circled(
-    name: str, pose: Pose, centre_mm: FloatArray
+    name: str, pose: Pose, centre_mm: FloatArray, rolls_deg: Sequence[int]
 ) -> tuple[list[str], list[Pose]]:
     """The view turned about the features to all sides; some rolls suit the arm better."""
     names, poses = [], []
@@ -143,7 +147,7 @@ def _circled(
             axis = pose.rotation @ np.array([np.cos(angle), np.sin(angle), 0.0])
             turn = Rotation.from_rotvec(np.radians(tilt) * axis).as_matrix()
             place = centre_mm + turn @ (pose.translation_mm - centre_mm)
-            for roll in _ROLLS_DEG:
+            for roll in rolls_deg:
                 rolled = Rotation.from_euler("z", roll, degrees=True).as_matrix()
                 words = f"{name}, {tilt:.0f} deg aside at {360 * side // _SIDES} deg"
                 names.append(f"{words}, rolled by {roll} deg" if roll else words)
