@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from mvp.geometry import FloatArray
 
 
+_EDGE_PIECES = 60
 _GOOD_COVERAGE = (
     "Good: features far apart in the picture. They need not fill it: lens and sensor were "
     "calibrated before."
@@ -148,7 +149,7 @@ def _noise_px(sight: PartSight) -> float:
 
 
 def _residuals(pictures: Sequence[PartPicture]) -> tuple[FloatArray, FloatArray]:
-    """Pixels (m, 2) and errors (m, 2) of points and rims; edges have no such place."""
+    """Pixels (m, 2) and errors (m, 2) of points and rims; of edges across them."""
     pixels, errors = [np.zeros((0, 2))], [np.zeros((0, 2))]
     for picture in pictures:
         pose = picture.view.camera_from_part
@@ -162,7 +163,26 @@ def _residuals(pictures: Sequence[PartPicture]) -> tuple[FloatArray, FloatArray]
             pixels.append(circles.pixels)
             predicted, _ = rim_centres(picture.camera, *state, circles)
             errors.append(predicted - circles.pixels)
+        if len(picture.sight.edges.pixels):
+            pixels.append(picture.sight.edges.pixels)
+            errors.append(_across_edges(picture))
     return np.concatenate(pixels), np.concatenate(errors)
+
+
+def _across_edges(picture: PartPicture) -> FloatArray:
+    """(k, 2): from each place found on an edge straight to the predicted edge."""
+    edges, pose = picture.sight.edges, picture.view.camera_from_part
+    share = np.linspace(-0.02, 1.02, _EDGE_PIECES)[:, None]
+    ends = edges.ends_part_mm
+    along = ends[:, :1] + share * (ends[:, 1:] - ends[:, :1])
+    lines = project(picture.camera, pose.rotation, pose.translation_mm, along)
+    slopes = np.gradient(lines, axis=1)
+    slopes = slopes / np.linalg.norm(slopes, axis=2, keepdims=True)
+    off = lines[edges.edge] - edges.pixels[:, None]
+    rows = np.arange(len(off))
+    nearest = np.linalg.norm(off, axis=2).argmin(axis=1)
+    shift, slope = off[rows, nearest], slopes[edges.edge, nearest]
+    return np.asarray(shift - (shift * slope).sum(axis=1, keepdims=True) * slope)
 
 
 def _shares(

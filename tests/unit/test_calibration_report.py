@@ -35,6 +35,7 @@ from calibration.part_pose import (
     own_shares,
     resect,
 )
+from calibration.part_pose.problem import PoseProblem
 from calibration.projection import PinholeCamera, project
 from calibration.report import (
     About,
@@ -48,7 +49,13 @@ from calibration.report import (
     refused_report,
     write_report,
 )
-from calibration.report.model import Coverage, ErrorBudget, Slack, ViewBars
+from calibration.report.model import (
+    Coverage,
+    ErrorBudget,
+    ResidualField,
+    Slack,
+    ViewBars,
+)
 from calibration.report.numbers import sigma_text, value_text
 from calibration.report.scene import frustums
 from calibration.report.write import render_report as render
@@ -388,6 +395,18 @@ def test_the_budget_is_the_root_of_the_squares():
     assert budget.parts[1].sigma_mm == pytest.approx(
         0.15 * 400 / CAMERA.fx_px, rel=0.01
     )
+
+
+def test_the_residual_of_an_edge_is_its_distance_from_the_predicted_line():
+    pictures, _ = part_pictures(1)
+    edges, pose = pictures[0].sight.edges, pictures[0].view.camera_from_part
+    problem = PoseProblem.of(CAMERA, PartSight(edges=edges))
+    state = (pose.rotation, pose.translation_mm)
+    across = np.abs(problem.residuals(state)) * edges.sigma_px
+    shown = part_page().plots[4]
+    assert isinstance(shown, ResidualField)
+    lengths = np.linalg.norm(shown.errors_px[7:13], axis=1)
+    np.testing.assert_allclose(lengths, across, atol=0.01)
 
 
 def test_the_shares_of_a_located_part_add_up_to_its_covariance():
