@@ -73,6 +73,7 @@ def test_a_guard_in_motion_is_told_with_what_may_go_on(bench: Any) -> None:
     arm.close()
 
 
+@pytest.mark.full
 def test_a_guard_at_rest(bench: Any) -> None:
     with bench.arm() as arm:
         arm.move_joints(HOME, timeout_s=30)
@@ -88,6 +89,7 @@ def test_a_guard_at_rest(bench: Any) -> None:
         assert arm.move_joints(HOME, timeout_s=30).standing
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("program", ["stop", "pause"])
 def test_a_protective_stop_in_motion(bench: Any, program: str) -> None:
     with bench.arm(joint_speed_deg_s=15) as arm:
