@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from calibration.wizard.lens_motors import best_node, both_sides, iris_views, plan_sides
+from calibration.wizard.lens_node_result import PLAN, plan_of
 from calibration.wizard.lens_nodes import NODE, NodeSession, samples_of, tilted_views
 from calibration.wizard.lens_page import page_of
 from calibration.wizard.lens_plan import Grid, between, node_at, plan_nodes
 from calibration.wizard.lens_result import (
     KEY,
-    PLAN,
     TEMPERATURE,
     VERIFICATION,
     outcome_of,
-    plan_of,
 )
+from calibration.wizard.lens_travel import travelled
 from calibration.wizard.lookout import Lookout, camera_at, target_of
 from calibration.wizard.next_pose import NoView, ViewRange, candidate_views, first_of
 from calibration.wizard.session_store import Sample, SessionStore
@@ -67,7 +67,7 @@ class LensWizard:
             if word is Word.FINISH:
                 break
             bench.set_lens(**plan.steps)
-            word = yield from tilted_views(lookout, plan, number / len(plans))
+            word = yield from _node(lookout, plan, number / len(plans))
         if word is not Word.FINISH:
             word = yield from iris_views(lookout, plans, self._grid.irises)
         if word is not Word.FINISH:
@@ -115,7 +115,7 @@ def _planned(
     if not plan_of(store):
         reach = _reach_mm(lookout)
         plans = plan_nodes(store.facts, grid, reach)
-        rows = [[p.zoom, p.focus, p.iris, p.sharp_mm] for p in plans]
+        rows = [[p.zoom, p.focus, p.iris, p.sharp_mm, int(p.tilts)] for p in plans]
         store.remember(PLAN, rows)  # type: ignore[arg-type]
         yield Say(
             f"the target can be seen from {reach[0]:.0f} to {reach[1]:.0f} mm: "
@@ -181,6 +181,21 @@ def _play(
     word = yield from both_sides(
         lookout, best_node(facts, plans), plan_sides(facts, plans)
     )
+    return word
+
+
+def _node(
+    lookout: Lookout, plan: NodePlan, done: float
+) -> Generator[Step, Answer, Word | None]:
+    """Tilted views where the depth of field bears them, else frontal and travel."""
+    if plan.tilts:
+        word = yield from tilted_views(lookout, plan, done)
+        return word
+    try:
+        word = yield from travelled(lookout, plan)
+    except CalibrationError as error:
+        yield Say(f"{plan.name}: {error.message}; {error.hint}", "warning")
+        return None
     return word
 
 

@@ -20,7 +20,6 @@ from calibration.wizard.lens_plan import iris_steps, node_at
 from calibration.wizard.lookout import camera_at, focus_at
 from calibration.wizard.next_pose import NoView, ViewRange, candidate_views, first_of
 from calibration.wizard.session_store import Sample
-from calibration.wizard.working import sharp_mm
 from mvp.devices import AXES
 from mvp.wizard import Say, Word, Working
 
@@ -29,6 +28,8 @@ if TYPE_CHECKING:
 
     from calibration.wizard.lens_plan import NodePlan
     from calibration.wizard.lookout import Goal, Lookout
+    from calibration.wizard.next_pose import Refused, TargetViews
+    from calibration.wizard.next_pose_aim import Aim
     from calibration.wizard.session_store import SessionStore
     from mvp.devices import Axis
     from mvp.wizard import Answer, SessionFacts, Step
@@ -124,7 +125,9 @@ def facing(lookout: Lookout, node: NodePlan, *, tilt_rad: float) -> Goal | NoVie
     return first_of(len(views), one)
 
 
-def _goal(lookout, aim, views, d_mm, index):  # type: ignore[no-untyped-def]
+def _goal(
+    lookout: Lookout, aim: Aim, views: TargetViews, d_mm: float, index: int
+) -> Goal | Refused:
     return lookout.goal(aim, views.camera_from_target[index : index + 1], d_mm)
 
 
@@ -318,17 +321,3 @@ def best_node(facts: SessionFacts, nodes: Sequence[NodePlan]) -> NodePlan:
     mine = sorted((n for n in nodes if n.zoom == zoom), key=lambda n: n.sharp_mm)
     middle = mine[len(mine) // 2]
     return node_at(facts, middle.zoom, middle.focus)
-
-
-__all__ = [
-    "IRIS",
-    "SIDES",
-    "Side",
-    "best_node",
-    "both_sides",
-    "hysteresis_of",
-    "iris_node",
-    "iris_views",
-    "plan_sides",
-    "sharp_mm",
-]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, cast
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,28 +14,24 @@ from calibration.lens_table import (
     Conditions,
     LensIdentity,
     LensMeasurements,
-    LensNode,
     LensTables,
     Measured,
-    PixelGrid,
     best_curve,
     build_tables,
     calibration_file,
     judge_lens,
     measure_aperture,
-    node_from_views,
     separate,
 )
-from calibration.lens_table.edge_blur import EdgeBlurs, edge_blurs, optics_of
-from calibration.lens_table.sharpness import blur_shots, sharp_place
+from calibration.lens_table.edge_blur import EdgeBlurs
+from calibration.lens_table.sharpness import blur_shots
 from calibration.verdict import Verdict
 from calibration.wizard.lens_motors import IRIS, hysteresis_of, plan_sides
-from calibration.wizard.lens_nodes import NODE, samples_of
-from calibration.wizard.lens_plan import NodePlan
-from calibration.wizard.lookout import layout_of, target_of
+from calibration.wizard.lens_node_result import NodeResult, blur_of, node_of, plan_of
+from calibration.wizard.lens_nodes import samples_of
 from calibration.wizard.provenance import provenance_of
 from calibration.wizard.verification import HeldOutView, Verification
-from mvp.calibrated import LensTableCalibration, Quality, VerdictCause
+from mvp.calibrated import AxisTable, LensTableCalibration, Quality, VerdictCause
 from mvp.errors import CalibrationError
 from mvp.optics import principal_distance_mm
 from mvp.wizard import Outcome
@@ -43,50 +39,18 @@ from mvp.wizard import Outcome
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from calibration.camera import CameraEstimate
     from calibration.lens_table import LensFit
-    from calibration.observations import Observations
     from calibration.projection import PinholeCamera
     from calibration.wizard.session_store import Sample, SessionStore
-    from mvp.geometry import FloatArray
 
 KEY = "lens"
-PLAN, TEMPERATURE = "nodes", "temperature_c"
+TEMPERATURE = "temperature_c"
 VERIFICATION = "verification"
-_LEAST_VIEWS = 3
 _WHAT = "the principal distance at settings between the nodes"
 _AIRY_SIGMA = 1.0290 / (2 * np.sqrt(2 * np.log(2)))
 _SHARP_SHARE = 0.005
 _A_FLOOR = 0.01  # discs of a few pixels, among diffraction and edges that are not sharp
 _CENTRE_PX, _K1 = 0.3, 0.003
-
-
-@dataclass(frozen=True, eq=False)
-class NodeResult:
-    """One node as measured.
-
-    Attributes:
-        node: for the table.
-        found: the camera fit, with the poses of the views.
-        seen: what it was made from.
-        samples: the pictures.
-    """
-
-    node: LensNode
-    found: CameraEstimate
-    seen: Observations
-    samples: tuple[Sample, ...]
-
-
-def plan_of(store: SessionStore) -> tuple[NodePlan, ...]:
-    """The nodes of the session, as they were planned."""
-    known = store.recall(PLAN)
-    rows = known if isinstance(known, list) else []
-    plans = []
-    for row in rows:
-        zoom, focus, iris, sharp = cast("list[float]", row)
-        plans.append(NodePlan(int(zoom), int(focus), int(iris), float(sharp)))
-    return tuple(plans)
 
 
 def outcome_of(store: SessionStore) -> Outcome:
@@ -106,7 +70,7 @@ def outcome_of(store: SessionStore) -> Outcome:
     fit = separate([one.node for one in nodes])
     iris = irises_of(store, nodes, fit)
     model = facts.lens_table
-    measured = LensMeasurements(
+    data = LensMeasurements(
         [one.node for one in nodes],
         iris,
         facts.blur_circle_mm,
@@ -118,66 +82,11 @@ def outcome_of(store: SessionStore) -> Outcome:
         hysteresis=hysteresis_of(store, plan_sides(facts, plan_of(store))),
         conditions=_conditions(store),
     )
-    tables = build_tables(measured)
+    tables = build_tables(data)
     if tables.table is None:
         return _nothing(tables, nodes)
     held = verified(store, tables, nodes)
     return _told(store, tables, nodes, held)
-
-
-def node_of(store: SessionStore, plan: NodePlan) -> NodeResult | None:
-    """One node from its views; None with too few of them."""
-    samples = samples_of(store.usable(NODE), plan.zoom, plan.focus)
-    if len(samples) < _LEAST_VIEWS:
-        return None
-    sensor = store.facts.sensor
-    seen = store.observations(samples)
-    node, found = node_from_views(
-        seen,
-        (plan.zoom, plan.focus),
-        PixelGrid(sensor.pitch_x_mm, sensor.pitch_y_mm),
-        folds=0,
-    )
-    blurs = [
-        blur_of(
-            store,
-            sample,
-            found.camera,
-            (found.state.rotation[k], found.state.translation_mm[k]),
-        )
-        for k, sample in enumerate(samples)
-    ]
-    target = target_of(store.facts)
-    try:
-        sharp = sharp_place(
-            EdgeBlurs.joined(blurs),
-            node.f_cal_mm,
-            sensor.pitch_y_mm,
-            scale_sigma=target.square_sigma_mm / target.square_mm,
-        ).distance_mm
-    except CalibrationError:
-        sharp = None
-    return NodeResult(replace(node, sharp_mm=sharp), found, seen, samples)
-
-
-def blur_of(
-    store: SessionStore,
-    sample: Sample,
-    camera: PinholeCamera,
-    pose: tuple[FloatArray, FloatArray],
-) -> EdgeBlurs:
-    """Blur of the edges in a stored picture."""
-    facts = store.facts
-    pitch = facts.sensor.pitch_y_mm
-    picture = store.image(sample)
-    grey = picture if picture.dtype == np.uint8 else picture / (sample.full_scale / 255)
-    a_mm = facts.lens_at(sample.lens_steps).a_mm
-    optics = optics_of(
-        camera.fy_px * pitch, a_mm, pitch_mm=pitch, lambda_mm=facts.wavelength_mm
-    )
-    return edge_blurs(
-        grey.astype(np.uint8), layout_of(target_of(facts)), camera, pose, optics
-    )
 
 
 def irises_of(
@@ -240,7 +149,7 @@ def _like(nodes: Sequence[NodeResult], sample: Sample, f_px: float) -> PinholeCa
     near = min(
         nodes, key=lambda n: (abs(n.node.zoom - zoom), abs(n.node.focus - focus))
     )
-    camera = near.found.camera
+    camera = near.camera
     ratio = camera.fy_px / camera.fx_px
     return replace(camera, fx_px=f_px, fy_px=f_px * ratio)
 
@@ -305,9 +214,7 @@ def _foretold(
 
 def _usual(nodes: Sequence[NodeResult]) -> tuple[tuple[str, float, float], ...]:
     """Centre and k1 as the nodes have them, with how much they differ."""
-    values = np.array(
-        [[n.found.camera.cx_px, n.found.camera.cy_px, n.found.camera.k1] for n in nodes]
-    )
+    values = np.array([[n.camera.cx_px, n.camera.cy_px, n.camera.k1] for n in nodes])
     spread = np.maximum(values.std(axis=0), [_CENTRE_PX, _CENTRE_PX, _K1])
     middle = np.median(values, axis=0)
     return tuple(
@@ -357,13 +264,13 @@ def _told(
         {
             "tables": tables,
             "nodes": tuple(nodes),
-            "pictures": [(one.found, one.seen) for one in nodes],
+            "pictures": [one.pictures for one in nodes if one.pictures],
             "verification": held,
         },
     )
 
 
-def _without_tube(document: LensTableCalibration, tube_mm: float):  # type: ignore[no-untyped-def]
+def _without_tube(document: LensTableCalibration, tube_mm: float) -> AxisTable:
     axis = document.focus_extension_mm
     return axis.model_copy(
         update={"values_mm": [value - tube_mm for value in axis.values_mm]}
