@@ -9,22 +9,17 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
-from pydantic import JsonValue, TypeAdapter, ValidationError
-
 from mvp.cell.beside import call_beside
 from mvp.cell.calibrate_bench import CellBench
-from mvp.cell.calibrate_document import CalibrateDocument
 from mvp.cell.calibrate_facts import facts_of
 from mvp.cell.calibrate_folders import (
-    REPORT_FILE,
-    RESULT_FILE,
     existing_session,
     new_session,
-    put_in_place,
     unfinished_session,
 )
+from mvp.cell.calibrate_result import check_key, keep_result, with_page
 from mvp.cell.calibration_gates import of_serials, require_accepted
-from mvp.cell.durable import check_writable, write_durably
+from mvp.cell.durable import check_writable
 from mvp.cell.hardware import check_simulated, opened
 from mvp.cell.homing import HOMING_S, home_arm, homing_of
 from mvp.cell.in_use import using_devices
@@ -42,10 +37,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from mvp.cell.calibrate_document import CalibrateDocument
     from mvp.cell.loading import LoadedCell
     from mvp.cell.plan_job import Setting
     from mvp.devices import DeviceInfo
-    from mvp.fileedge import FileModel
     from mvp.wizard import Answer, SessionFacts, Step
 
 _LOG = logging.getLogger(__name__)
@@ -132,55 +127,46 @@ def calibrate(
     """
     refuse_bundled(setting.cell.source.path)
     wizard = load_wizard(request.key)
-    folder = _folder(setting, wizard)
-    check_writable(folder, needed_bytes=_SESSION_BYTES)
+    place = setting.cell.calibrations.files[wizard.writes]
+    check_writable(place.parent, needed_bytes=_SESSION_BYTES)
+    store, outcome = _taken(setting, request, wizard, front, tell)
+    with uninterrupted():
+        document = keep_result(place, store, outcome)
+    tell("drawing the report")
+    return with_page(wizard, store, outcome, document)
+
+
+def _taken(
+    setting: Setting,
+    request: CalibrateRequest,
+    wizard: Wizard[Any],
+    front: FrontEnd,
+    tell: Tell,
+) -> tuple[Store, Outcome]:
+    """The session with the devices open, from where it has come to."""
+    key, folder = request.key, _folder(setting, wizard)
     with ExitStack() as stack:
-        who = f"calibrate {request.key}"
-        stack.enter_context(using_devices(setting.cell, who=who))
-        stack.enter_context(cell_lock(folder / _LOCK_NAME, run_id=who))
+        stack.enter_context(using_devices(setting.cell, who=f"calibrate {key}"))
+        lock = folder / _LOCK_NAME
+        stack.enter_context(cell_lock(lock, run_id=f"calibrate {key}"))
         path = _session_path(folder, request)
         devices = stack.enter_context(devices_for(setting, tell))
         tell("connecting to arm, lens and camera")
         infos = stack.enter_context(opened(devices))
         check_simulated(setting.cell, infos)
-        check_reliance(setting.cell, infos, request.key, request.accept)
-        fresh = facts_of(
-            setting.cell, devices, infos, key=request.key, seed=request.seed
-        )
+        check_reliance(setting.cell, infos, key, request.accept)
+        fresh = facts_of(setting.cell, devices, infos, key=key, seed=request.seed)
         store = _store(wizard, path, fresh, resume=request.resume)
         speed = start_speed(setting, devices, infos)
         bench = CellBench(setting, devices, store.facts, start_speed=speed)
         with (
             log_to(store.path / _LOG_FILE, store.path.name),
-            _resumable(setting, store, request.key),
+            _resumable(setting, store, key),
             stopped_on_error(devices, bench.under_way, tell),
         ):
             log_devices(infos.values())
-            allow_and_home(setting, bench, infos, front, request.key)
-            outcome = drive(wizard, bench, store, request.options, front)
-    with uninterrupted():
-        document = _put_in_place(setting, wizard, store, outcome)
-    tell("drawing the report")
-    return _with_page(wizard, store, outcome, document)
-
-
-def recompute(request: CalibrateRequest, folder: Path) -> CalibrateDocument:
-    """The result of a stored session, from its files alone; nothing is put in place.
-
-    Raises:
-        RecordError: not a session of this wizard, damaged, or changed.
-        CalibrationError: there is nothing to compute from.
-    """
-    wizard = load_wizard(request.key)
-    store = wizard.sessions.open(existing_session(folder))
-    _check_key(store, request.key)
-    outcome = wizard.outcome(store)
-    document = _document(store, outcome)
-    stored = _stored_document(store.path / RESULT_FILE)
-    if stored is not None:
-        same = stored.document == document.document
-        document = document.model_copy(update={"same_numbers": same})
-    return _drawn(wizard, store, outcome, document)
+            allow_and_home(setting, bench, infos, front, key)
+            return store, drive(wizard, bench, store, request.options, front)
 
 
 def drive(
@@ -239,7 +225,7 @@ def _store(
         store: Store = wizard.sessions.create(path, fresh)
         return store
     store = wizard.sessions.open(path, repair=True)
-    _check_key(store, fresh.key)
+    check_key(store, fresh.key)
     then, now = store.facts.model_dump(), fresh.model_dump()
     free = {"date", "temperature_c", "seed"}
     changed = sorted(k for k in then if k not in free and then[k] != now[k])
@@ -251,16 +237,6 @@ def _store(
             where=str(path),
         )
     return store
-
-
-def _check_key(store: Store, key: str) -> None:
-    if store.facts.key != key:
-        raise RecordError(
-            f"{store.path}: a session of `calibrate {store.facts.key}`, not of "
-            f"`calibrate {key}`",
-            hint=f"say `mvp-cell calibrate {store.facts.key} CELL --session DIR`",
-            where=str(store.path),
-        )
 
 
 def check_reliance(
@@ -317,81 +293,3 @@ def _resume_command(setting: Setting, key: str) -> str:
     if task != (cell.folder / cell.config.default_task).resolve():
         words += ["--task", str(task)]
     return shlex.join(words)
-
-
-def _put_in_place(
-    setting: Setting, wizard: Wizard[Any], store: Store, outcome: Outcome
-) -> CalibrateDocument:
-    """Put the result in place unless it is a NO-GO, and write what was found."""
-    document = _document(store, outcome)
-    if outcome.document is not None and outcome.quality.verdict != "no-go":
-        target = setting.cell.calibrations.files[wizard.writes]
-        text = outcome.document.model_dump_json(by_alias=True, indent=1) + "\n"
-        kept = put_in_place(target, text.encode())
-        document = document.model_copy(
-            update={"placed": str(target), "kept": str(kept) if kept else None}
-        )
-    _write_result(store, document)
-    return document
-
-
-def _write_result(store: Store, document: CalibrateDocument) -> None:
-    text = document.model_dump_json(by_alias=True, indent=1) + "\n"
-    write_durably(store.path / RESULT_FILE, text.encode())
-
-
-def _document(store: Store, outcome: Outcome) -> CalibrateDocument:
-    return CalibrateDocument(
-        key=outcome.key,
-        cell=store.facts.cell,
-        simulated=store.facts.simulated,
-        session=str(store.path),
-        verdict=outcome.quality.verdict,
-        samples=store.count,
-        input_sha256=store.sha256(),
-        lines=list(outcome.lines),
-        quality=outcome.quality,
-        document=_plain(outcome.document),
-    )
-
-
-def _plain(document: FileModel | None) -> JsonValue:
-    """As it will be read back from its file, to the last digit."""
-    if document is None:
-        return None
-    text = document.model_dump_json(by_alias=True)
-    value: JsonValue = TypeAdapter(JsonValue).validate_json(text)
-    return value
-
-
-def _stored_document(path: Path) -> CalibrateDocument | None:
-    try:
-        return CalibrateDocument.model_validate_json(path.read_bytes())
-    except (OSError, ValidationError):
-        return None
-
-
-def _with_page(
-    wizard: Wizard[Any], store: Store, outcome: Outcome, document: CalibrateDocument
-) -> CalibrateDocument:
-    """The document with its report, in the folder, too."""
-    drawn = _drawn(wizard, store, outcome, document)
-    _write_result(store, drawn)
-    return drawn
-
-
-def _drawn(
-    wizard: Wizard[Any], store: Store, outcome: Outcome, document: CalibrateDocument
-) -> CalibrateDocument:
-    """Draw the report; one that fails never spoils the result."""
-    try:
-        page = wizard.page(store, outcome)
-        if not page:
-            return document
-        path = store.path / REPORT_FILE
-        write_durably(path, page.encode())
-    except Exception as error:
-        _LOG.debug("no report", exc_info=error)
-        why = f"no report: {type(error).__name__}: {error}"
-        return document.model_copy(update={"lines": [*document.lines, why]})
-    return document.model_copy(update={"report": str(path)})

@@ -92,12 +92,12 @@ def _one_thread_for_sums() -> None:
 def _recomputed(
     cell: str, request: CalibrateRequest, session: Path
 ) -> CalibrateDocument:
-    from mvp.cell.calibrate_job import recompute
+    from mvp.cell.calibrate_result import recompute
     from mvp.cell.loading import read_cell
     from mvp.cli.output import tell_warning
 
     name = read_cell(cell)[1].name
-    document = recompute(request, session)
+    document = recompute(request.key, session)
     if document.cell != name:
         tell_warning(f"this session was taken in the cell {document.cell}, not {name}")
     return document
