@@ -21,13 +21,13 @@ from calibration.report.canvas import (
     new_figure,
     plain,
 )
-from calibration.report.model import GRID_COLUMNS, GRID_ROWS
+from calibration.report.plots import GRID_COLUMNS, GRID_ROWS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from calibration.report.canvas import Drawn
-    from calibration.report.model import (
+    from calibration.report.plots import (
         Coverage,
         LensCurve,
         NodeErrors,

@@ -9,13 +9,12 @@ import numpy as np
 from calibration.camera_uncertainty import projection_uncertainty
 from calibration.poses import Poses
 from calibration.projection import CAMERA_NAMES
-from calibration.report.model import (
+from calibration.report.model import Quantity, ReportData
+from calibration.report.plots import (
     BudgetPart,
     Coverage,
     ErrorBudget,
     Outline,
-    Quantity,
-    ReportData,
     ResidualField,
     Scene,
     ViewBars,
@@ -36,7 +35,8 @@ if TYPE_CHECKING:
     from calibration.camera import CameraEstimate
     from calibration.camera_uncertainty import ProjectionUncertainty
     from calibration.observations import Observations
-    from calibration.report.model import About, Plot
+    from calibration.report.model import About
+    from calibration.report.plots import Plot
 
 _MAP_GRID = (19, 25)
 _WORDS = {

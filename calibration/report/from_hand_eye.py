@@ -7,19 +7,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.poses import Poses, difference, only
-from calibration.report.model import (
+from calibration.report.model import Quantity, ReportData
+from calibration.report.numbers import sigma_text, value_text
+from calibration.report.plots import (
     BudgetPart,
     Coverage,
     ErrorBudget,
     Outline,
-    Quantity,
-    ReportData,
     ResidualField,
     Scene,
     Slack,
     ViewBars,
 )
-from calibration.report.numbers import sigma_text, value_text
 from calibration.report.shapes import (
     NORMAL_95,
     axes_length_mm,
@@ -41,7 +40,8 @@ if TYPE_CHECKING:
         ReadingCheck,
         RobotNoise,
     )
-    from calibration.report.model import About, Plot
+    from calibration.report.model import About
+    from calibration.report.plots import Plot
 
 _READINGS = 4
 _KNOWN_SCALE = 0.1

@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.lens_table import judge_lens
-from calibration.report.model import (
+from calibration.report.model import Quantity, ReportData
+from calibration.report.numbers import sigma_text, value_text
+from calibration.report.plots import (
     BudgetPart,
     Coverage,
     ErrorBudget,
     LensCurve,
     NodeErrors,
-    Quantity,
-    ReportData,
     ResidualField,
 )
-from calibration.report.numbers import sigma_text, value_text
 from calibration.report.shapes import NORMAL_95
 from calibration.verdict import judged
 from mvp.optics import focus_distance_mm
@@ -28,7 +27,8 @@ if TYPE_CHECKING:
     from calibration.camera import CameraEstimate
     from calibration.lens_table import Hysteresis, LensTables
     from calibration.observations import Observations
-    from calibration.report.model import About, Plot
+    from calibration.report.model import About
+    from calibration.report.plots import Plot
     from calibration.verdict import Cause
     from mvp.geometry import FloatArray
     from mvp.optics import AxisName, Sensor

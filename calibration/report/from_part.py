@@ -11,13 +11,12 @@ from calibration.part_pose import own_shares
 from calibration.part_pose.problem import rim_centres
 from calibration.poses import Poses, only
 from calibration.projection import project, skew
-from calibration.report.model import (
+from calibration.report.model import Quantity, ReportData
+from calibration.report.plots import (
     BudgetPart,
     Coverage,
     ErrorBudget,
     Outline,
-    Quantity,
-    ReportData,
     ResidualField,
     Scene,
     ViewBars,

@@ -22,7 +22,7 @@ from calibration.report.canvas import (
 
 if TYPE_CHECKING:
     from calibration.report.canvas import Drawn
-    from calibration.report.model import Scene
+    from calibration.report.plots import Scene
     from mvp.geometry import FloatArray
 
 _SIDES = ((22, -60), (12, 25))

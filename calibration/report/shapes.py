@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.projection import POSE_NAMES
-from calibration.report.model import Outline, Quantity, Tilts
+from calibration.report.model import Quantity
+from calibration.report.plots import Outline, Tilts
 
 if TYPE_CHECKING:
     from calibration.observations import Observations

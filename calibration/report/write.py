@@ -12,8 +12,9 @@ import jinja2
 from markupsafe import Markup
 
 from calibration.report import figures
-from calibration.report.model import (
-    TITLES,
+from calibration.report.model import TITLES
+from calibration.report.numbers import sigma_text, value_text
+from calibration.report.plots import (
     Coverage,
     ErrorBudget,
     LensCurve,
@@ -25,7 +26,6 @@ from calibration.report.model import (
     ViewBars,
     WorkMap,
 )
-from calibration.report.numbers import sigma_text, value_text
 from calibration.report.scene import scene
 from calibration.report.thumbnails import thumbnail
 from mvp.cell.durable import write_durably
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibration.report.canvas import Drawn
-    from calibration.report.model import Photo, Plot, ReportData
+    from calibration.report.model import Photo, ReportData
+    from calibration.report.plots import Plot
     from calibration.wizard.comparison import Comparison
 
 Context: TypeAlias = "dict[str, object]"

@@ -49,14 +49,14 @@ from calibration.report import (
     refused_report,
     write_report,
 )
-from calibration.report.model import (
+from calibration.report.numbers import sigma_text, value_text
+from calibration.report.plots import (
     Coverage,
     ErrorBudget,
     ResidualField,
     Slack,
     ViewBars,
 )
-from calibration.report.numbers import sigma_text, value_text
 from calibration.report.scene import frustums
 from calibration.report.write import render_report as render
 from calibration.verdict import judged
