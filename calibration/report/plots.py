@@ -1,7 +1,4 @@
-"""The pictures of a report as data: numbers, and how they are read.
-
-Every picture is one dataclass; ``how_to_read`` and ``good`` stand under it.
-"""
+"""The pictures of a report as data: numbers, and how they are read (stands below)."""
 
 from __future__ import annotations
 
@@ -192,7 +189,7 @@ class ViewBars:
     @property
     def good(self) -> str:
         """What a good one looks like."""
-        return f"Good: bars of like length, none beyond the tick. A long bar: {self.advice}."
+        return f"Good: bars of like length, none beyond the tick. A long one: {self.advice}."
 
 
 @dataclass(frozen=True)
@@ -250,7 +247,7 @@ class Scene:
 
     Attributes:
         frame: name of the frame.
-        cameras_mm: (n, 4, 4) ``frame_from_camera``.
+        cameras: (n, 4, 4) ``frame_from_camera``, mm.
         names: of the cameras.
         half_angles: tangents of half the field of view, x and y.
         reach_mm: how long the drawn fields of view are.
