@@ -11,13 +11,14 @@ import logging
 import shutil
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mvp.calibrated import RigidCalibration
 from mvp.cell.calibrate_bench import CellBench
 from mvp.cell.calibrate_facts import facts_of
+from mvp.cell.calibrate_folders import REPORT_FILE
 from mvp.cell.calibrate_job import allow_and_home, check_reliance, drive
 from mvp.cell.durable import check_writable, write_durably
 from mvp.cell.hardware import check_simulated, opened
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from mvp.cell.plan_job import Planned, Setting
     from mvp.cell.run_job import RunOptions
     from mvp.planning.plan import Plan
-    from mvp.wizard import Outcome, SessionFacts, Store
+    from mvp.wizard import Outcome, SessionFacts, Store, Wizard
 
 _LOG = logging.getLogger(__name__)
 KEY = "part"
@@ -102,6 +103,7 @@ def locate_part(
         with stopped_on_error(devices, bench.under_way, tell):
             allow_and_home(setting, bench, infos, front, KEY)
             outcome = drive(wizard, bench, store, WizardOptions(auto=True), front)
+    _write_page(wizard, store, outcome)
     found = _accepted(folder, outcome)
     record = _record(cell, facts, store, outcome, found)
     _refuse_far(cell, folder, record)
@@ -149,6 +151,16 @@ def with_found_pose(folder: RunFolder, task: LoadedTask) -> LoadedTask:
     if not folder.part_pose_file.is_file():
         return task
     return replace(task, pose_file=folder.part_pose_file)
+
+
+def _write_page(wizard: Wizard[Any], store: Store, outcome: Outcome) -> None:
+    """The report of the search; one that fails never spoils the run."""
+    try:
+        page = wizard.page(store, outcome)
+        if page:
+            write_durably(store.path / REPORT_FILE, page.encode())
+    except Exception as error:
+        _LOG.warning("no report of how the part was found: %s", error)
 
 
 def _accepted(folder: RunFolder, outcome: Outcome) -> RigidCalibration:

@@ -118,6 +118,8 @@ def test_the_records_say_where_the_part_was_found_and_how_far_off(located: Done)
     assert located.document.located is not None
     assert located.document.located.moved_mm == second.moved_mm
     assert (located.run / "locating" / "samples.jsonl").is_file()
+    page = (located.run / "locating" / "report.html").read_text()
+    assert "from where it was believed to lie" in page
 
 
 def test_the_plan_was_made_for_where_the_part_lies(located: Done):
@@ -127,6 +129,17 @@ def test_the_plan_was_made_for_where_the_part_lies(located: Done):
         assert view.probability is not None
         assert "part_pose" in view.probability.spread.sources
         assert view.probability.spread.position_95_mm < 1.0
+
+
+def test_the_session_of_a_run_is_computed_again_without_a_device(
+    located: Done, capsys: pytest.CaptureFixture[str]
+):
+    session = str(located.run / "locating")
+    cell = str(located.cell)
+    assert invoke(["calibrate", "part", cell, "--session", session, "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)["document"]
+    stored = json.loads((located.run / "part_pose.json").read_text())
+    assert again == stored
 
 
 @pytest.mark.full
