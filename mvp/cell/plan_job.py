@@ -148,9 +148,7 @@ def _status(found: Found) -> Literal["admissible", "partial", "infeasible"]:
     return "partial" if found.failed else "admissible"
 
 
-def _notes(
-    setting: Setting, found: Found, views: Sequence[PlannedView]
-) -> list[str]:
+def _notes(setting: Setting, found: Found, views: Sequence[PlannedView]) -> list[str]:
     notes = [*setting.scene.part.lines()]
     if found.together is not None and len(found.views) > 1:
         notes.append(

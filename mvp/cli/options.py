@@ -30,7 +30,7 @@ AcceptOption: TypeAlias = Annotated[
     typer.Option(
         "--accept-calibration",
         metavar="REASON",
-        help="use a marginal or no-go calibration; the reason is recorded",
+        help="use calibrations that would be refused; the reason is recorded",
     ),
 ]
 SeedOption: TypeAlias = Annotated[
