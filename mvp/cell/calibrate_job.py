@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from mvp.wizard import Answer, SessionFacts, Step
 
 _LOG = logging.getLogger(__name__)
-_SESSION_BYTES = 200_000_000
+_SPARE_BYTES, _PICTURES = 20_000_000, 100
 _LOCK_NAME = ".calibrate.lock"
 _LOG_FILE = "log.jsonl"
 _PLACES = 30  # about as many as a wizard visits
@@ -128,7 +128,9 @@ def calibrate(
     refuse_bundled(setting.cell.source.path)
     wizard = load_wizard(request.key)
     place = setting.cell.calibrations.files[wizard.writes]
-    check_writable(place.parent, needed_bytes=_SESSION_BYTES)
+    camera = setting.cell.calibrations.camera
+    pictures = _PICTURES * camera.width_px * camera.height_px
+    check_writable(place.parent, needed_bytes=_SPARE_BYTES + pictures)
     store, outcome = _taken(setting, request, wizard, front, tell)
     with uninterrupted():
         document = keep_result(place, store, outcome)
