@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 LEAST_VIEWS = 5
 _IMPROBABLE = 1e-3
 _OUTLIER_SIGMAS = 5.0
+_EXPLAINED_SIGMAS = 2.0
 _SAME_MM, _SAME_RAD = 1.0, float(np.radians(0.3))
 _CLEARLY = 10.0
 
@@ -140,7 +141,7 @@ def of_solution(
     left_out = float(np.sqrt((solution.left_out_mm**2).mean()))
     return (
         *_robot(solution, robot),
-        *_outliers(solution, data),
+        *_outliers(solution, data, robot),
         *held.check(left_out),
         *forecast.check(solution.error_mm(limits.stand_off_mm)),
     )
@@ -168,11 +169,19 @@ def _robot(solution: HandEyeSolution, robot: RobotNoise) -> tuple[Cause, ...]:
     )
 
 
-def _outliers(solution: HandEyeSolution, data: HandEyeData) -> tuple[Cause, ...]:
-    """Views that stand apart from the others, measured by their typical slack."""
+def _outliers(
+    solution: HandEyeSolution, data: HandEyeData, robot: RobotNoise
+) -> tuple[Cause, ...]:
+    """Views that stand apart from the others, measured by their typical slack.
+
+    A robot that is much better than stated has views that differ by next to nothing:
+    what its stated noise explains is not held against it.
+    """
     size = np.linalg.norm(solution.slack.reshape(-1, 2, 3), axis=2)
-    typical = np.maximum(np.median(size, axis=0), np.finfo(float).tiny)
-    far = (size > _OUTLIER_SIGMAS * typical).any(axis=1)
+    typical = np.median(size, axis=0)
+    stated = np.array([robot.position_mm, robot.angle_rad])
+    limit = np.maximum(_OUTLIER_SIGMAS * typical, _EXPLAINED_SIGMAS * stated)
+    far = (size > limit).any(axis=1)
     names = [name for name, apart in zip(data.seen.names, far, strict=True) if apart]
     if not names:
         return ()

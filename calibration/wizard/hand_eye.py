@@ -71,7 +71,7 @@ class HandEyeWizard:
         setting = setting_of(store)
         lookout = Lookout(bench, store)
         yield from _before(store.facts, setting)
-        bench.set_lens(**setting.by_name)
+        lookout.set_lens(setting.by_name)
         most = options.most_samples or MOST_VIEWS
         told = yield from _calibration_views(lookout, setting, most)
         if told is not Word.FINISH:

@@ -66,7 +66,7 @@ class LensWizard:
         for number, plan in enumerate(plans):
             if word is Word.FINISH:
                 break
-            bench.set_lens(**plan.steps)
+            lookout.set_lens(plan.steps)
             word = yield from _node(lookout, plan, number / len(plans))
         if word is not Word.FINISH:
             word = yield from iris_views(lookout, plans, self._grid.irises)
@@ -205,7 +205,7 @@ def _held_out(
     """Two views at each of some settings that are no nodes."""
     yield Say("held-out settings: they take no part in the table, and test it")
     for plan in held_out_settings(lookout, plans):
-        lookout.bench.set_lens(**plan.steps)
+        lookout.set_lens(plan.steps)
         failures = 0
         while failures < _MOST_FAILURES:
             mine = samples_of(lookout.store.usable(VERIFICATION), plan.zoom, plan.focus)

@@ -139,7 +139,7 @@ def both_sides(
     left = [s for s in sides if len(readings_of(store, s, BELOW)) < 2]
     if not left:
         return None
-    lookout.bench.set_lens(**node.steps)
+    lookout.set_lens(node.steps)
     goal = facing(lookout, node, tilt_rad=0.1)
     if isinstance(goal, NoView):
         yield Say(f"play cannot be measured: {goal.reason}", "warning")
@@ -158,7 +158,7 @@ def both_sides(
         word = yield from _one_place(lookout, node, side, exposure)
         if word is Word.FINISH:
             return word
-    lookout.bench.set_lens(**node.steps)
+    lookout.set_lens(node.steps)
     return None
 
 
@@ -188,10 +188,7 @@ def _one_place(
 
 
 def _straight(lookout: Lookout, node: NodePlan, axis: Axis, step: int) -> None:
-    steps = {**node.steps, axis: step}
-    lookout.bench.set_lens(
-        zoom=steps["zoom"], focus=steps["focus"], iris=steps["iris"], straight=True
-    )
+    lookout.set_lens({**node.steps, axis: step}, straight=True)
 
 
 def readings_of(store: SessionStore, side: Side, stop: str) -> list[Sample]:
@@ -277,7 +274,7 @@ def iris_views(
     left = [pair for pair in wanted if pair not in have]
     if not left:
         return None
-    lookout.bench.set_lens(**node.steps)
+    lookout.set_lens(node.steps)
     goal = facing(lookout, node, tilt_rad=_IRIS_TILT_RAD)
     if isinstance(goal, NoView):
         yield Say(f"the iris cannot be measured: {goal.reason}", "warning")

@@ -230,7 +230,7 @@ def _left_out_mm(tables: LensTables) -> float:
         for name, curve in tables.curves.items()
         if name != "iris" and len(curve.left_out_mm)
     ]
-    return float(np.hypot(*errors)) if len(errors) == 2 else sum(errors)
+    return float(np.sqrt(sum(error**2 for error in errors)))
 
 
 # -------------------------------------------------------------------------- the file

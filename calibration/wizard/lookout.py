@@ -290,6 +290,15 @@ class Lookout:
         ids = orders[int(np.argmin(off))]
         return replace(found, ids=ids, points_mm=points[ids])
 
+    def set_lens(self, steps: Mapping[str, int], *, straight: bool = False) -> None:
+        """Set the lens; see ``Bench.set_lens``."""
+        self.bench.set_lens(
+            zoom=steps["zoom"],
+            focus=steps["focus"],
+            iris=steps["iris"],
+            straight=straight,
+        )
+
     def complain(self, reason: str) -> Generator[Step, Answer, None]:
         """Say why a better view could not be had, once for each reason."""
         if reason not in self._told:

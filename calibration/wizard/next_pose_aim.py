@@ -80,7 +80,9 @@ class Aim:
                 moved = _moved(state, step)
                 there = self._rest(moved, base_from_tool, camera_from_target)
                 slope[:, k] = (there - rest) / step[k]
-            change = -np.linalg.lstsq(slope, rest, rcond=None)[0]
+            change = np.asarray(
+                -np.linalg.lstsq(slope, rest, rcond=None)[0], np.float64
+            )
             state = _moved(state, change)
             if np.abs(change / np.tile(_STEP, 2)).max() < 1.0:
                 break

@@ -6,7 +6,7 @@ part of a pixel everywhere, by the pupil in proportion to the local blur.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import cv2
 import numpy as np
@@ -111,7 +111,7 @@ def _pairs_lookup(albedo: Float32Array, texels: Float32Array) -> Float32Array:
     found = cv2.remap(
         albedo,
         texels,
-        None,
+        cast("Float32Array", None),
         interpolation=cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     )
