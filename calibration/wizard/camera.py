@@ -18,10 +18,8 @@ from calibration.targets import CircleGrid, MeasuredLength, Rejection
 from calibration.targets.gather import examined
 from calibration.wizard.camera_result import (
     FEWEST,
-    LENS_SETTING,
     outcome_of,
     page_of,
-    setting_of,
 )
 from calibration.wizard.camera_views import Progress
 from calibration.wizard.lookout import Lookout, focus_at, target_of
@@ -33,7 +31,7 @@ from calibration.wizard.next_pose import (
     views_until,
 )
 from calibration.wizard.session_store import SessionStore
-from calibration.wizard.working import working_setting
+from calibration.wizard.working import setting_of
 from mvp.errors import CalibrationError
 from mvp.wizard import Ask, Covered, Forecast, Say, Word
 
@@ -99,9 +97,6 @@ def _pre_flight(lookout: Lookout) -> Generator[Step, Answer, None]:
     """What is looked at, how large it is, and at which lens setting."""
     store, facts = lookout.store, lookout.facts
     target = target_of(facts)
-    if store.recall(LENS_SETTING) is None:
-        setting = working_setting(facts)
-        store.remember(LENS_SETTING, [setting.zoom, setting.focus, setting.iris])
     setting = setting_of(store)
     lens = facts.lens_at(setting.by_name)
     yield Say(

@@ -19,7 +19,7 @@ from calibration.wizard.comparison import compare_cameras
 from calibration.wizard.lookout import target_of
 from calibration.wizard.provenance import provenance_of, validity_of
 from calibration.wizard.verification import HeldOutView, Verification
-from calibration.wizard.working import Setting
+from calibration.wizard.working import setting_of
 from mvp.errors import CalibrationError
 from mvp.wizard import Outcome
 
@@ -29,27 +29,9 @@ if TYPE_CHECKING:
     from calibration.wizard.session_store import SessionStore
     from mvp.calibrated import CameraCalibration, Provenance
 
-LENS_SETTING = "lens_setting"
 FEWEST = 3
 _NORMAL_95 = 1.96
 _WHAT = "a point's place by the others of its view"
-
-
-def setting_of(store: SessionStore) -> Setting:
-    """The lens setting of all pictures of a session.
-
-    Raises:
-        CalibrationError: none was chosen.
-    """
-    known = store.recall(LENS_SETTING)
-    if not isinstance(known, list):
-        raise CalibrationError(
-            "this session ended before the lens was set",
-            hint="go on with --resume",
-            where=str(store.path),
-        )
-    zoom, focus, iris = (int(str(step)) for step in known)
-    return Setting(zoom, focus, iris)
 
 
 def outcome_of(store: SessionStore) -> Outcome:
@@ -58,14 +40,14 @@ def outcome_of(store: SessionStore) -> Outcome:
     Raises:
         CalibrationError: too few usable views, or none gives a pose.
     """
-    samples, setting = store.usable(), setting_of(store)
+    samples = store.usable()
     if len(samples) < FEWEST:
         raise CalibrationError(
             f"{len(samples)} usable view(s) cannot calibrate a camera",
             hint=f"take at least {FEWEST}; go on with --resume",
             where=str(store.path),
         )
-    facts = store.facts
+    facts, setting = store.facts, setting_of(store)
     seen = store.observations(samples)
     found = calibrate_camera(seen, result_options(facts))
     held = _held_out(store, found)

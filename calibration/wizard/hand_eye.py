@@ -21,7 +21,6 @@ from calibration.wizard.hand_eye_result import (
     outcome_of,
     page_of,
     robot_of,
-    setting_of,
 )
 from calibration.wizard.lookout import Lookout, focus_at, target_of
 from calibration.wizard.next_pose import (
@@ -39,6 +38,7 @@ from calibration.wizard.next_pose import (
     views_until,
 )
 from calibration.wizard.session_store import Sample, SessionStore
+from calibration.wizard.working import setting_of
 from mvp.wizard import Covered, Forecast, Outcome, Say, Word
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from calibration.verdict import Verdict
 from calibration.wizard.lookout import camera_at, target_of
 from calibration.wizard.provenance import provenance_of, validity_of
 from calibration.wizard.verification import Verification, verify_hand_eye
-from calibration.wizard.working import Setting, working_setting
+from calibration.wizard.working import Setting, setting_of
 from mvp.calibrated import Quality
 from mvp.errors import CalibrationError
 from mvp.wizard import Outcome
@@ -34,18 +34,6 @@ if TYPE_CHECKING:
 KEY = "hand-eye"
 SIGMA_PX = 0.15
 _ROUNDING_PX = 0.01
-_LENS_SETTING = "lens_setting"
-
-
-def setting_of(store: SessionStore) -> Setting:
-    """The lens setting of the session; chosen once."""
-    known = store.recall(_LENS_SETTING)
-    if isinstance(known, list):
-        zoom, focus, iris = (int(str(step)) for step in known)
-        return Setting(zoom, focus, iris)
-    setting = working_setting(store.facts)
-    store.remember(_LENS_SETTING, [setting.zoom, setting.focus, setting.iris])
-    return setting
 
 
 def outcome_of(store: SessionStore) -> Outcome:

@@ -15,11 +15,13 @@ from mvp.optics import (
 )
 
 if TYPE_CHECKING:
+    from calibration.wizard.session_store import SessionStore
     from mvp.optics import LensSetting
     from mvp.wizard import SessionFacts
 
 BLUR_LIMIT_PX = 3.0
 _DEPTH_SHARE = 0.3
+_LENS_SETTING = "lens_setting"
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,17 @@ def working_setting(facts: SessionFacts) -> Setting:
         d = float(image_distance_mm(distance, f))
     d = float(np.clip(d, d_low, d_high))
     return setting_at(facts, f, d)
+
+
+def setting_of(store: SessionStore) -> Setting:
+    """The lens setting of all pictures of a session; chosen once."""
+    known = store.recall(_LENS_SETTING)
+    if isinstance(known, list):
+        zoom, focus, iris = (int(str(step)) for step in known)
+        return Setting(zoom, focus, iris)
+    setting = working_setting(store.facts)
+    store.remember(_LENS_SETTING, [setting.zoom, setting.focus, setting.iris])
+    return setting
 
 
 def setting_at(facts: SessionFacts, f_mm: float, d_mm: float) -> Setting:
