@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
@@ -21,6 +21,19 @@ from mvp.cli.options import (
 if TYPE_CHECKING:
     from mvp.cell.calibrate_document import CalibrateDocument
     from mvp.cell.calibrate_job import CalibrateRequest
+
+AutoOption: TypeAlias = Annotated[
+    bool,
+    typer.Option("--auto", help="answer every question with its default, unattended"),
+]
+SessionOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--session",
+        metavar="DIR",
+        help="compute a stored session once more, without any device",
+    ),
+]
 
 # A calibration that is about to be measured again need not be good.
 _ABOUT_TO_BE_MEASURED = "about to be measured"
