@@ -16,6 +16,7 @@ from mvp.constraints import Uncertainty
 from mvp.planning.plan import ErrorSpread, KeptProbability
 from mvp.planning.probability import error_covariance, linearised
 from mvp.planning.probability_errors import CellErrors, PoseChain, camera_spread
+from mvp.planning.rows import RowTable
 
 if TYPE_CHECKING:
     from mvp.calibrated import LensTableCalibration, NamedCovariance, RigidCalibration
@@ -142,9 +143,28 @@ def kept_probability(
     return KeptProbability(
         each=each,
         together=max(optical.together - touching, 0.0),
-        weakest=min(each, key=lambda kind: each[kind]),
+        weakest=_weakest(each, problem, view, clearance_sigmas),
         spread=_spread(cell, problem, view),
     )
+
+
+def _weakest(
+    each: dict[str, float],
+    problem: PlanningProblem,
+    view: Views,
+    clearance_sigmas: float | None,
+) -> str:
+    """The least probable one; of those that are all but certain the nearest to it."""
+    table = RowTable.of(problem)
+    index = table.index(view)[0]
+    sigmas: dict[str, float] = {
+        kind: float(index[table.mask(kind)].min())
+        for kind in dict.fromkeys(table.kinds)
+        if kind not in problem.hard_kinds
+    }
+    if clearance_sigmas is not None:
+        sigmas["clearance"] = clearance_sigmas
+    return min(each, key=lambda kind: (each[kind], sigmas.get(kind, np.inf)))
 
 
 def _tail(sigmas: float | None) -> float:

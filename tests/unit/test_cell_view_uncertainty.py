@@ -112,6 +112,7 @@ def test_a_plan_of_a_measured_cell_reckons_with_what_was_measured(planned):
         assert found.spread.position_mm < 1.0
         assert set(found.each) == set(view.margins)
         assert found.together <= min(found.each.values()) + 1e-9
+        assert found.weakest == view.binding
         assert view.failure_probability == pytest.approx(1 - found.together, abs=2e-3)
 
 
