@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Finding", "Sample", "SessionStore"]
 
+_SESSION, _SAMPLES = "session.json", "samples.jsonl"
 _NO_SESSION = "name the folder of a session, such as calibration/sessions/camera-..."
 
 
@@ -103,9 +104,9 @@ class SessionStore:
         Raises:
             RecordError: not a session, damaged, or a picture is not the one recorded.
         """
-        file = _session_file(folder / "session.json")
-        lines = _lines(folder / "samples.jsonl", repair=repair)
-        samples, taken = _replayed(folder / "samples.jsonl", lines)
+        file = _session_file(folder / _SESSION)
+        lines = _lines(folder / _SAMPLES, repair=repair)
+        samples, taken = _replayed(folder / _SAMPLES, lines)
         store = cls(folder, file, samples)
         store._taken = taken
         for sample in samples:
@@ -157,9 +158,7 @@ class SessionStore:
         content = encode_png(shot.pixels)
         sample = _sample(self.next_number, role, name, content, shot, finding)
         write_durably(self._path / sample.image, content)
-        append_durably(
-            self._path / "samples.jsonl", sample.model_dump_json(by_alias=True)
-        )
+        append_durably(self._path / _SAMPLES, sample.model_dump_json(by_alias=True))
         self._samples.append(sample)
         self._taken = sample.number
         return sample
@@ -173,9 +172,7 @@ class SessionStore:
         if not self._samples:
             return None
         last = self._samples[-1]
-        append_durably(
-            self._path / "samples.jsonl", json.dumps({"undone": last.number})
-        )
+        append_durably(self._path / _SAMPLES, json.dumps({"undone": last.number}))
         return self._samples.pop()
 
     def remember(self, key: str, value: JsonValue) -> None:
@@ -211,15 +208,21 @@ class SessionStore:
         )
 
     def sha256(self) -> str:
-        """Over everything that a result depends on: facts, answers, samples."""
-        digest = hashlib.sha256(self._file.model_dump_json(by_alias=True).encode())
-        for sample in self._samples:
-            digest.update(sample.model_dump_json(by_alias=True).encode())
+        """Over everything that a result depends on: facts, answers, samples.
+
+        Over the files as they are, so that a later version of the program, which may
+        keep more, finds the same.
+        """
+        digest = hashlib.sha256()
+        for name in (_SESSION, _SAMPLES):
+            path = self._path / name
+            if path.exists():
+                digest.update(read_file(path, RecordError, hint=_NO_SESSION))
         return digest.hexdigest()
 
     def _write(self) -> None:
         text = self._file.model_dump_json(by_alias=True, indent=1)
-        write_durably(self._path / "session.json", text.encode())
+        write_durably(self._path / _SESSION, text.encode())
 
     def _content(self, sample: Sample) -> bytes:
         return read_file(

@@ -27,6 +27,7 @@ def facts_of(
     *,
     key: str,
     seed: int,
+    accepted: str = "",
 ) -> SessionFacts:
     """Everything that a session has to know, from the cell and who answered."""
     config, found = cell.config, cell.calibrations
@@ -53,6 +54,7 @@ def facts_of(
         workspace_low_mm=config.workspace.low_mm,
         workspace_high_mm=config.workspace.high_mm,
         temperature_c=_temperature_c(cell, devices),
+        accepted_calibration=accepted,
     )
 
 

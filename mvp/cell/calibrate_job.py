@@ -157,7 +157,14 @@ def _taken(
         infos = stack.enter_context(opened(devices))
         check_simulated(setting.cell, infos)
         check_reliance(setting.cell, infos, key, request.accept)
-        fresh = facts_of(setting.cell, devices, infos, key=key, seed=request.seed)
+        fresh = facts_of(
+            setting.cell,
+            devices,
+            infos,
+            key=key,
+            seed=request.seed,
+            accepted=request.accept,
+        )
         store = _store(wizard, path, fresh, resume=request.resume)
         speed = start_speed(setting, devices, infos)
         bench = CellBench(setting, devices, store.facts, start_speed=speed)
@@ -229,7 +236,7 @@ def _store(
     store = wizard.sessions.open(path, repair=True)
     check_key(store, fresh.key)
     then, now = store.facts.model_dump(), fresh.model_dump()
-    free = {"date", "temperature_c", "seed"}
+    free = {"date", "temperature_c", "seed", "accepted_calibration"}
     changed = sorted(k for k in then if k not in free and then[k] != now[k])
     if changed:
         raise RecordError(

@@ -63,7 +63,8 @@ class SessionFacts(FileModel):
 
     ``serials``: of every device that answered, by role. ``working_mm``: distance at
     which errors are stated; None: where the lens is in focus. ``temperature_c``: None:
-    not known. ``date``: UTC, when the session began.
+    not known. ``date``: UTC, when the session began. ``accepted_calibration``: why a
+    person took the responsibility for poor calibrations that this one builds on.
     """
 
     schema_: Literal["mvp-cell/calibration-session/1"] = Field(
@@ -89,6 +90,7 @@ class SessionFacts(FileModel):
     workspace_high_mm: tuple[float, float, float]
     working_mm: float | None = Field(default=None, gt=0)
     temperature_c: float | None = None
+    accepted_calibration: str = ""
 
     @property
     def sensor(self) -> Sensor:
