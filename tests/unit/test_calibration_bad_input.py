@@ -582,6 +582,13 @@ FILES = {
 }
 
 
+LONG = {
+    "one picture of half the size",
+    "one picture of another board",
+    "a print stretched by 2 %",
+}
+
+
 def said(found):
     """Grade and words of whatever came back."""
     if isinstance(found, Rejection):
@@ -607,7 +614,10 @@ def test_a_bad_picture_or_target_is_named(case):
     assert check(*PICTURES[case]) == "refused"
 
 
-@pytest.mark.parametrize("case", CAMERAS)
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(c, marks=pytest.mark.full if c in LONG else ()) for c in CAMERAS],
+)
 def test_bad_views_of_a_camera_are_named_and_not_believed(case):
     make, words = CAMERAS[case]
     assert check(lambda: make(np.random.default_rng(7)), words) != "marginal"
