@@ -32,6 +32,8 @@ from mvp.wizard import Ask, Outcome, Refusal, Say, Word
 if TYPE_CHECKING:
     from collections.abc import Generator
 
+    from pydantic import JsonValue
+
     from calibration.wizard.lens_plan import NodePlan
     from mvp.wizard import Answer, Bench, Step, WizardOptions
 
@@ -115,8 +117,10 @@ def _planned(
     if not plan_of(store):
         reach = _reach_mm(lookout)
         plans = plan_nodes(store.facts, grid, reach)
-        rows = [[p.zoom, p.focus, p.iris, p.sharp_mm, int(p.tilts)] for p in plans]
-        store.remember(PLAN, rows)  # type: ignore[arg-type]
+        rows: list[JsonValue] = [
+            [p.zoom, p.focus, p.iris, p.sharp_mm, int(p.tilts)] for p in plans
+        ]
+        store.remember(PLAN, rows)
         yield Say(
             f"the target can be seen from {reach[0]:.0f} to {reach[1]:.0f} mm: "
             f"{len(plans)} settings of zoom and focus are sharp there"
