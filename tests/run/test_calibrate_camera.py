@@ -153,6 +153,7 @@ def test_a_target_that_looks_the_same_from_its_other_end_is_read_in_order(
 
 
 @pytest.mark.full
+@pytest.mark.timeout(1800)
 def test_the_truth_is_inside_the_interval_whatever_views_are_taken(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
