@@ -76,4 +76,5 @@ def test_a_camera_on_the_network_is_found(capsys: pytest.CaptureFixture[str]) ->
     cameras = [one for one in document["devices"] if one["drivers"] == ["genicam"]]
     if not any("aravis" in one["through"] for one in cameras):
         pytest.skip("only Aravis searches the loopback interface")
-    assert [one["address"] for one in cameras] == ["127.0.0.1"]
+    # Other tests may have cameras of their own at other loopback addresses.
+    assert [one["address"] for one in cameras].count("127.0.0.1") == 1
