@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 KEY = "hand-eye"
 SIGMA_PX = 0.15
 _ROUNDING_PX = 0.01
+_VIEWS_ALIKE = 4
 
 
 def outcome_of(store: SessionStore) -> Outcome:
@@ -57,7 +58,7 @@ def outcome_of(store: SessionStore) -> Outcome:
     )
     if result.solution is None:
         return _nothing(result, data)
-    result = _with_scale(result, data, setting, facts, limits)
+    result = _with_alike(_with_scale(result, data, setting, facts, limits))
     held = _held_out(store, result)
     verdict = Verdict((*result.verdict.causes, *held.causes()))
     result = replace(result, verdict=verdict)
@@ -124,6 +125,21 @@ def _with_scale(
         only(other.solution.moving_from_camera), only(solution.moving_from_camera)
     )[0]
     covariance = solution.covariance + np.outer(moved, moved)
+    return replace(result, solution=replace(solution, covariance=covariance))
+
+
+def _with_alike(result: HandEyeResult) -> HandEyeResult:
+    """Add what views have in common because the arm errs alike where it stands alike.
+
+    Errors of an arm's geometry change smoothly with its pose. What all views share of
+    them turns up in the result; four views count as one fact about it here.
+    """
+    solution = result.solution
+    if solution is None:
+        return result
+    variance = np.repeat(solution.robot_sigmas**2, 3)
+    share = (_VIEWS_ALIKE - 1) / len(solution.slack)
+    covariance = solution.covariance + share * np.diag(variance)
     return replace(result, solution=replace(solution, covariance=covariance))
 
 
