@@ -193,15 +193,19 @@ class Lookout:
             self._sights[sample.number] = Poses(there.rotation, there.translation_mm)
         return self._sights[sample.number]
 
+    def _refuses(self, base_from_tool: Pose) -> bool:
+        """A person did not want it there, or its picture was of no use."""
+        return any(_close(base_from_tool, other) for other in self._unwanted)
+
     def goal(self, aim: Aim, camera_from_target: Poses, d_mm: float) -> Goal | Refused:
         """Whether and how the arm gets where one view (a set of one) is seen."""
         tool = aim.tool_for(camera_from_target).pose(0, "base", "tool")
+        if self._refuses(tool):
+            return Refused("it was not wanted there, or the picture was of no use")
         return self.goal_of_tool(tool, d_mm)
 
     def goal_of_tool(self, base_from_tool: Pose, d_mm: float) -> Goal | Refused:
         """Whether and how the arm gets to a pose of its flange."""
-        if any(_close(base_from_tool, other) for other in self._unwanted):
-            return Refused("it was not wanted there, or the picture was of no use")
         believed = self.facts.tool_from_camera(d_mm)
         stand = self.bench.joints_for(base_from_tool @ believed, d_mm=d_mm)
         if isinstance(stand, Refusal):
