@@ -260,8 +260,9 @@ class GenicamCamera:
                 return self._frame(session, delivery, start_s)
             tries.failed(problem, session.backend.health())
             _LOG.warning("%s: try %d: %s", self.name, tries.count, problem)
-            if problem != _EARLY:
+            if delivery is None:
                 self._rearm(session)
+            if problem != _EARLY:
                 start_s = None
         raise tries.fault(self.name)
 
@@ -272,16 +273,19 @@ class GenicamCamera:
     def _triggered(
         self, session: Session, start_s: float, deadline: float
     ) -> tuple[Delivery | None, str]:
-        """Trigger, and what came of it: a delivery, or what is wrong."""
+        """Trigger, and what came of it: a delivery, and what is wrong, if anything."""
         self._pending = True
         session.trigger()
         delivery = self._wait(session, start_s, deadline)
         if delivery is None:
             return None, "no frame"
         if not delivery.complete:
-            return None, delivery.status
+            # This trigger was answered. The stream stays: libraries enlarge the buffer
+            # of its socket with the first frame only, which may be lost for that.
+            self._pending = False
+            return delivery, delivery.status
         if self._clock.now_s() < start_s + session.exposure_s:
-            return None, _EARLY
+            return delivery, _EARLY
         return delivery, ""
 
     def _wait(
