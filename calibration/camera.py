@@ -138,10 +138,9 @@ def calibrate_camera(
     problem, found = _solved(seen, options, start)
     errors = problem.errors_px(found.state)
     squares = (errors**2).sum(axis=1)
-    counts = np.bincount(seen.view)
     tested = _held_out_rms(seen, options, found.state)
     sigma = float(np.max(problem.sigma_px))
-    view_rms = np.sqrt(np.bincount(seen.view, squares) / counts)
+    view_rms = np.sqrt(np.bincount(seen.view, squares) / np.bincount(seen.view))
     verdict = judge_camera(
         seen,
         found.state,

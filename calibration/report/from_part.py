@@ -98,9 +98,6 @@ def part_report(
     parts = _shares(located, pictures, hand_eye, middle)
     total = float(np.sqrt(sum(part.sigma_mm**2 for part in parts)))
     distance = float(np.mean([_distance_mm(p, middle) for p in pictures]))
-    pixels, errors = _residuals(pictures)
-    size = pictures[0].size_px
-    sigma = float(np.sqrt(np.mean([_noise_px(p.sight) ** 2 for p in pictures])))
     many = f"{len(pictures)} pictures" if len(pictures) > 1 else "one picture"
     return ReportData(
         "part",
@@ -125,17 +122,23 @@ def part_report(
             _bars(pictures),
             _apart(located, pictures),
             _scene(located, pictures, hand_eye, outline_mm, middle),
-            *(
-                (
-                    ResidualField(pixels, errors, size, sigma),
-                    Coverage.of(pixels, size, _GOOD_COVERAGE),
-                )
-                if len(pixels)
-                else ()
-            ),
+            *_in_the_picture(pictures),
         ),
         (_branches(pictures),),
     )
+
+
+def _in_the_picture(
+    pictures: Sequence[PartPicture],
+) -> tuple[()] | tuple[ResidualField, Coverage]:
+    """Where points were seen and how far off; nothing where no points were used."""
+    pixels, errors = _residuals(pictures)
+    if not len(pixels):
+        return ()
+    size = pictures[0].size_px
+    sigma = float(np.sqrt(np.mean([_noise_px(p.sight) ** 2 for p in pictures])))
+    field = ResidualField(pixels, errors, size, sigma)
+    return field, Coverage.of(pixels, size, _GOOD_COVERAGE)
 
 
 def _distance_mm(picture: PartPicture, middle: FloatArray) -> float:
