@@ -71,7 +71,9 @@ def exposed_s(frame: Frame) -> float:
 
 
 @contextmanager
-def _gige(world: StampWorld | None, backend: str, **settings: object) -> Iterator[Any]:
+def _gige(
+    world: StampWorld | None, backend: str, slack_s: float = 1.0, **settings: object
+) -> Iterator[Any]:
     problem = installed_backends()[backend]
     if problem:
         pytest.skip(problem)
@@ -86,7 +88,7 @@ def _gige(world: StampWorld | None, backend: str, **settings: object) -> Iterato
         raise
     try:
         full = GenicamCamera.Config.model_validate(
-            {**keys, "backend": backend, "frame_slack_s": 1.0}
+            {**keys, "backend": backend, "frame_slack_s": slack_s}
         )
         camera = GenicamCamera.from_config(full, DeviceContext(), name="camera")
         with camera, ControlClient(simulator.control_port) as faults:
@@ -124,6 +126,19 @@ def _age_is_kept(camera: Camera, asleep_s: float) -> None:
 def test_a_gige_frame_is_as_old_as_the_driver_says(genicam_backend: str) -> None:
     with _gige(StampWorld(), genicam_backend) as (camera, _, _simulator):
         _age_is_kept(camera, 1.0)
+
+
+def test_a_picture_that_is_long_in_the_making_does_not_cost_the_link(
+    genicam_backend: str,
+) -> None:
+    """A client gives a camera up that is silent for 3 s; this one goes on answering."""
+    with _gige(StampWorld(), genicam_backend, slack_s=60.0) as (camera, faults, _):
+        camera.configure(exposure_s=0.01)
+        faults.do("slow", seconds=5.0)
+        camera.capture(not_before_s=time.monotonic(), timeout_s=60)
+        faults.do("slow", seconds=0.0)
+        camera.capture(not_before_s=time.monotonic(), timeout_s=60)
+        assert faults.do("state")["frames"] == 2
 
 
 def test_a_streamed_frame_is_never_older_than_the_driver_says() -> None:

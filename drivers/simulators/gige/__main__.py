@@ -84,14 +84,14 @@ def _serve(options: argparse.Namespace, ended: threading.Event) -> None:
     finally:
         faults.stop()
         painter.interrupt()
-        camera.kill()
+        camera.end()
 
 
 def _verbs(camera: FakeCamera, painter: Painter) -> dict[str, Verb]:
     """Faults: what can happen to a camera on a network.
 
     ``kill``, ``silence``, ``restart`` (``serial``), ``lose`` (``per_thousand``),
-    ``slow`` (``seconds`` more per frame, without answering) and ``state``.
+    ``slow`` (``seconds`` more per frame) and ``state``.
     """
 
     def restart(asked: Mapping[str, object]) -> None:

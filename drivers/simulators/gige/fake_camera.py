@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import logging
 import socket
+import threading
 from ipaddress import IPv4Address
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from drivers.simulators.gige.address import (
     move_sockets,
     open_sockets,
 )
+from drivers.simulators.gige.trigger import TriggerWatch, description_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,6 +32,7 @@ _CURRENT_IP = 0x24
 _WIDTH, _HEIGHT = 0x100, 0x104
 _SENSOR_HEIGHT, _SENSOR_WIDTH = 0x118, 0x11C
 _OFFSET_X, _OFFSET_Y = 0x130, 0x134
+_GAIN_RAW, _EXPOSURE_US, _PIXEL_FORMAT = 0x110, 0x120, 0x128
 
 _Fill = ctypes.CFUNCTYPE(
     None,
@@ -66,6 +69,14 @@ def load_library() -> tuple[Any, Any]:
     arv.arv_gv_fake_camera_is_running.argtypes = [pointer]
     arv.arv_gv_fake_camera_get_fake_camera.argtypes = [pointer]
     arv.arv_gv_fake_camera_get_fake_camera.restype = pointer
+    arv.arv_fake_camera_new.argtypes = [ctypes.c_char_p]
+    arv.arv_fake_camera_new.restype = pointer
+    arv.arv_fake_camera_get_genicam_xml.argtypes = [
+        pointer,
+        ctypes.POINTER(ctypes.c_size_t),
+    ]
+    arv.arv_fake_camera_get_genicam_xml.restype = pointer
+    arv.arv_fake_camera_get_acquisition_status.argtypes = [pointer]
     arv.arv_fake_camera_set_fill_pattern.argtypes = [pointer, _Fill, pointer]
     arv.arv_fake_camera_write_register.argtypes = [pointer, word, word]
     arv.arv_fake_camera_read_register.argtypes = [
@@ -91,8 +102,8 @@ class FakeCamera:
     Args:
         host: loopback address.
         size: columns and rows of the sensor.
-        paint: fills pictures; called in the camera's own thread, which answers no
-            control packet meanwhile.
+        paint: fills pictures; called beside the control channel for a software trigger,
+            and in the camera's own thread, which then answers nothing, when it runs free.
     """
 
     def __init__(
@@ -109,8 +120,17 @@ class FakeCamera:
         self._paint = paint
         self._arv, self._gobject = load_library()
         self._fill = _Fill(self._on_fill)
+        self._alive = threading.RLock()  # held while the camera is touched or ended
         self._camera: int | None = None
         self._inner: int | None = None
+        self._births = 0
+        self._triggers = TriggerWatch(
+            self._register,
+            self._write,
+            self._streams,
+            self._painted,
+            lambda: self._births,
+        )
         self._mute: socket.socket | None = None
         self._lost_per_thousand = 0.0
         self._lock = AddressLock(BIRTHPLACE, wait_s)
@@ -143,17 +163,23 @@ class FakeCamera:
             (_WIDTH, width),
             (_HEIGHT, height),
         ):
-            arv.arv_fake_camera_write_register(inner, register, value)
+            self._write(register, value)
         arv.arv_fake_camera_set_trigger_frequency(inner, _TRIGGER_HZ)
         arv.arv_fake_camera_set_fill_pattern(inner, self._fill, None)
         self.lose(self._lost_per_thousand)
+        self._births += 1
+        self._triggers.start()
 
     def _be_born(self) -> None:
         """Make the library's camera, and take it to its address."""
         arv, before = self._arv, open_sockets()
-        camera = arv.arv_gv_fake_camera_new_full(
-            BIRTHPLACE.encode(), self.serial.encode(), None
-        )
+        description = description_file(arv, self._gobject)
+        try:
+            camera = arv.arv_gv_fake_camera_new_full(
+                BIRTHPLACE.encode(), self.serial.encode(), bytes(description)
+            )
+        finally:
+            description.unlink()
         if not arv.arv_gv_fake_camera_is_running(camera):
             self._gobject.g_object_unref(camera)
             raise CameraProblem(f"Aravis' camera does not start on {BIRTHPLACE}")
@@ -176,7 +202,8 @@ class FakeCamera:
         if self._mute is not None:
             self._mute.close()
             self._mute = None
-        camera, self._camera, self._inner = self._camera, None, None
+        with self._alive:
+            camera, self._camera, self._inner = self._camera, None, None
         if camera is not None:
             self._gobject.g_object_unref(camera)
         self._lock.release()
@@ -204,29 +231,59 @@ class FakeCamera:
                 None,
             )
 
+    def end(self) -> None:
+        """Vanish for good."""
+        self._triggers.end()
+        self.kill()
+
     def _register(self, address: int) -> int:
+        """What a register holds; 0 while there is no camera."""
         value = ctypes.c_uint32()
-        self._arv.arv_fake_camera_read_register(
-            self._inner, address, ctypes.byref(value)
-        )
+        with self._alive:
+            if self._inner is not None:
+                self._arv.arv_fake_camera_read_register(
+                    self._inner, address, ctypes.byref(value)
+                )
         return int(value.value)
 
-    def _on_fill(
-        self, buffer: int, _data: int | None, exposure_us: int, gain: int, code: int
-    ) -> None:
-        """Fill a picture; an error must not reach the library."""
-        # The buffer counts what was received, which is nothing yet.
-        place = self._arv.arv_buffer_get_data(buffer, None)
-        room = int(self._arv.arv_fake_camera_get_payload(self._inner))
+    def _write(self, address: int, value: int) -> None:
+        with self._alive:
+            if self._inner is not None:
+                self._arv.arv_fake_camera_write_register(self._inner, address, value)
+
+    def _streams(self) -> bool:
+        """Whether a client has started the acquisition."""
+        with self._alive:
+            return self._inner is not None and bool(
+                self._arv.arv_fake_camera_get_acquisition_status(self._inner)
+            )
+
+    def _painted(self) -> bytes:
+        """A picture with the settings of now; an error gives an empty one."""
         region = Region(
             self._register(_WIDTH),
             self._register(_HEIGHT),
             self._register(_OFFSET_X),
             self._register(_OFFSET_Y),
         )
+        exposure_us, gain = self._register(_EXPOSURE_US), self._register(_GAIN_RAW)
         try:
-            pixels = self._paint(exposure_us, gain, code, region)
+            return self._paint(exposure_us, gain, self._register(_PIXEL_FORMAT), region)
         except Exception:
             _LOG.exception("no picture for the simulated camera")
-            pixels = b""
+            return b""
+
+    def _on_fill(
+        self, buffer: int, _data: int | None, _exposure: int, _gain: int, _code: int
+    ) -> None:
+        """Fill a picture, in Aravis' thread; an error must not reach the library."""
+        # The buffer counts what was received, which is nothing yet.
+        place = self._arv.arv_buffer_get_data(buffer, None)
+        with self._alive:
+            if self._inner is None:
+                return
+            room = int(self._arv.arv_fake_camera_get_payload(self._inner))
+        pixels = self._triggers.take()
+        if pixels is None:
+            pixels = self._painted()
         ctypes.memmove(place, pixels, min(len(pixels), room))
