@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mvp.calibrated import Provenance, Validity
+from mvp.calibrated.content import inputs_sha256
+from mvp.cell.calibration_gates import WIZARDS
 
 if TYPE_CHECKING:
     from calibration.wizard.session_store import SessionStore
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
 def provenance_of(store: SessionStore, role: str, method: str) -> Provenance:
     """Where a result of this session comes from."""
     facts = store.facts
+    made = {key: name for name, key in WIZARDS.items()}[facts.key]
     return Provenance(
         date=facts.date,
         device_serial=facts.serials.get(role, ""),
@@ -23,6 +26,7 @@ def provenance_of(store: SessionStore, role: str, method: str) -> Provenance:
         temperature_c=facts.temperature_c,
         origin="measured",
         serial_numbers=facts.serials,
+        built_on=inputs_sha256(made, facts.camera, facts.lens_table, facts.hand_eye),
     )
 
 

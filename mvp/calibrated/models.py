@@ -16,7 +16,9 @@ class Provenance(FileModel):
     """Where a result comes from and what it may be used for.
 
     ``origin``: measured on the device, or taken from its data sheet. ``serial_numbers``:
-    of every device that took part, by its role in the cell.
+    of every device that took part, by its role in the cell. ``built_on``: hashes of the
+    calibrations that it was computed with, by name (``inputs_sha256``); empty: it does
+    not say.
     """
 
     date: str
@@ -27,6 +29,7 @@ class Provenance(FileModel):
     temperature_c: float | None = None
     origin: Literal["measured", "nominal"] = "measured"
     serial_numbers: dict[str, str] = Field(default_factory=dict)
+    built_on: dict[str, str] = Field(default_factory=dict)
 
 
 class Validity(FileModel):

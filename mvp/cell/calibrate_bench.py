@@ -15,6 +15,7 @@ import numpy as np
 
 from mvp.cell.arrival import arrival_tolerance
 from mvp.cell.calibrate_target import target_corners_mm, target_obstacle
+from mvp.cell.calibrated_devices import require_size
 from mvp.cell.locate_sights import TaskSights
 from mvp.cell.standstill import UnderWay
 from mvp.devices import DrivesStraight
@@ -327,6 +328,7 @@ class CellBench:
                 hint="the camera's time stamps cannot be trusted; use its software "
                 "trigger",
             )
+        require_size(frame, self._facts.camera, camera.name)
         return frame
 
     def _shot(self, frame: Frame) -> Shot:

@@ -31,7 +31,7 @@ from mvp.cell.progress import Tell, unheard
 from mvp.cell.session import Motion, devices_for, start_speed
 from mvp.cell.standstill import stopped_on_error
 from mvp.errors import MvpCellError, RecordError, StoppedByOperator, UsageError
-from mvp.wizard import Outcome, Store, Wizard, WizardOptions, load_wizard
+from mvp.wizard import Outcome, Say, Store, Wizard, WizardOptions, load_wizard
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -157,6 +157,7 @@ def _taken(
         infos = stack.enter_context(opened(devices))
         check_simulated(setting.cell, infos)
         check_reliance(setting.cell, infos, key, request.accept)
+        _warn_of_stale(setting.cell, key, front)
         fresh = facts_of(
             setting.cell,
             devices,
@@ -253,13 +254,25 @@ def check_reliance(
 ) -> None:
     """Refuse to build on a calibration that is poor, or of another device.
 
+    One that is stale is told beforehand: its turn may be yet to come.
+
     Raises:
         CalibrationError: it is, must be measured first, and nobody accepts it.
     """
     found, needed = cell.calibrations, _RELIES_ON.get(key, ())
     serials = {role: info.serial for role, info in infos.items()}
     objections = [*found.objections, *of_serials(found, serials)]
-    require_accepted([one for one in objections if one.name in needed], accept)
+    poor = [one for one in objections if one.name in needed and not one.stale]
+    require_accepted(poor, accept)
+
+
+def _warn_of_stale(cell: LoadedCell, key: str, front: FrontEnd) -> None:
+    """What the wizard builds on was made with others than are in place now."""
+    needed = _RELIES_ON.get(key, ())
+    for one in cell.calibrations.objections:
+        if one.stale and one.name in needed:
+            text = f"{one.text}; what is built on it will be, too; first, {one.fix}"
+            front.answer(Say(text, "warning"))
 
 
 def allow_and_home(

@@ -42,7 +42,7 @@ def recompute(key: str, folder: Path) -> CalibrateDocument:
     document = _document(store, outcome)
     stored = _stored_document(store.path / RESULT_FILE)
     if stored is not None:
-        same = stored.document == document.document
+        same = _numbers(stored) == _numbers(document)
         document = document.model_copy(update={"same_numbers": same})
     report = store.path / REPORT_FILE
     if document.same_numbers and report.is_file():
@@ -109,6 +109,13 @@ def _plain(document: FileModel | None) -> JsonValue:
     text = document.model_dump_json(by_alias=True)
     value: JsonValue = TypeAdapter(JsonValue).validate_json(text)
     return value
+
+
+def _numbers(document: CalibrateDocument) -> JsonValue:
+    """What was computed; a later version may say more of where it comes from."""
+    if not isinstance(document.document, dict):
+        return document.document
+    return {k: v for k, v in document.document.items() if k != "provenance"}
 
 
 def _stored_document(path: Path) -> CalibrateDocument | None:

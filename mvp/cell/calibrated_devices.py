@@ -13,14 +13,16 @@ from mvp.cell.calibration_gates import (
     require_accepted,
 )
 from mvp.devices import Approaching, Thermometer
+from mvp.errors import DeviceFault
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from mvp.calibrated import CameraCalibration
     from mvp.cell.calibration_gates import Objection
     from mvp.cell.engine import CellDevices
     from mvp.cell.loading import LoadedCell
-    from mvp.devices import DeviceInfo
+    from mvp.devices import DeviceInfo, Frame
     from mvp.planning.plan import PlannedView
 
 _LOG = logging.getLogger(__name__)
@@ -87,3 +89,19 @@ def warn_of_devices(
     """Log what does not refuse, but should be looked at."""
     for one in device_objections(cell, devices, infos):
         _LOG.warning("%s; %s", one.text, one.fix)
+
+
+def require_size(frame: Frame, known: CameraCalibration, camera: str) -> None:
+    """Refuse a picture of another size than the camera was calibrated at.
+
+    Raises:
+        DeviceFault: the camera is in another mode.
+    """
+    rows, columns = frame.pixels.shape
+    if (columns, rows) != (known.width_px, known.height_px):
+        raise DeviceFault(
+            f"pictures have {columns} x {rows} px, but the camera calibration is for "
+            f"{known.width_px} x {known.height_px} px",
+            device=camera,
+            hint="set the size in [camera], or calibrate the camera at this size",
+        )

@@ -57,6 +57,7 @@ class Objection:
         fix: what to do.
         refused: it must not be used; otherwise somebody should look at it.
         waivable: a person may take the responsibility.
+        stale: it was good, but was made with others than are in place now.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Objection:
     fix: str
     refused: bool = True
     waivable: bool = True
+    stale: bool = False
 
 
 def measure_again(name: str) -> str:

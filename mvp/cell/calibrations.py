@@ -20,6 +20,7 @@ from mvp.cell.calibration_gates import (
     of_lens_setting,
     require_accepted,
 )
+from mvp.cell.calibration_stale import of_inputs
 from mvp.cell.places import inside, sha256_of
 from mvp.cell.toml_file import dotted
 from mvp.errors import CalibrationError, ConfigError
@@ -81,6 +82,7 @@ def load_calibrations(
     simulated: bool,
     tubes_mm: Sequence[float] = (),
     accept_reason: str = "",
+    finds_part: bool = False,
 ) -> Calibrations:
     """Read, hash and judge the four files.
 
@@ -90,6 +92,7 @@ def load_calibrations(
         simulated: the cell is.
         tubes_mm: extension tubes that the lens may have had.
         accept_reason: why a person takes the responsibility for what is refused.
+        finds_part: the part's pose is only where to begin to look for it.
 
     Raises:
         CalibrationError: missing, unreadable, foreign or too poor; all of it.
@@ -105,6 +108,9 @@ def load_calibrations(
     objections += of_lens_setting(
         found.hand_eye, found.lens_table, found.files, tubes_mm
     )
+    for one in of_inputs(found, simulated=simulated):
+        begins = finds_part and one.name == "part_pose"
+        objections.append(replace(one, refused=False) if begins else one)
     return Calibrations(
         found.camera,
         found.lens_table,
@@ -128,18 +134,23 @@ def with_part_pose(
         CalibrationError: unreadable, foreign or too poor.
     """
     model = _read(path, "part_pose", RigidCalibration)
-    objections = tuple(of_file("part_pose", path, model, simulated=simulated))
-    accepted = require_accepted(objections, accept_reason)
-    others = tuple(one for one in found.objections if one.name != "part_pose")
-    kept = {name: why for name, why in found.accepted.items() if name != "part_pose"}
-    return replace(
+    there = replace(
         found,
         part_pose=model,
         base_from_part=_pose(path, model, "base", "part"),
         files=found.files | {"part_pose": path},
         sha256=found.sha256 | {"part_pose": sha256_of(path)},
+    )
+    objections = [
+        *of_file("part_pose", path, model, simulated=simulated),
+        *(one for one in of_inputs(there, simulated=simulated) if one.path == path),
+    ]
+    others = [one for one in found.objections if one.name != "part_pose"]
+    kept = {name: why for name, why in found.accepted.items() if name != "part_pose"}
+    return replace(
+        there,
         objections=(*others, *objections),
-        accepted=kept | accepted,
+        accepted=kept | require_accepted(objections, accept_reason),
     )
 
 

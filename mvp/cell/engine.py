@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import numpy as np
 
+from mvp.cell.calibrated_devices import require_size
 from mvp.cell.records import Captured, CaptureTimes, Reached, Verified
 from mvp.cell.standstill import until
 from mvp.cell.stopping import stop_all
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
+    from mvp.calibrated import CameraCalibration
     from mvp.devices import (
         Arm,
         ArmState,
@@ -118,6 +120,7 @@ class CellEngine:
         start_speed: share of full speed on the way to the first view.
         preflight: everything that must hold before the first motion.
         route: clear waypoints (k, dof) from where the arm stands to a view.
+        calibrated: the camera's mode; None: any picture will do.
     """
 
     def __init__(
@@ -132,6 +135,7 @@ class CellEngine:
         exposure: ExposureRule,
         store: PictureStore,
         verifier: Verifier,
+        calibrated: CameraCalibration | None = None,
     ) -> None:
         self._devices = devices
         self._arrived = arrived
@@ -142,6 +146,7 @@ class CellEngine:
         self._exposure = exposure
         self._store = store
         self._verifier = verifier
+        self._calibrated = calibrated
         self._stopped = threading.Event()
         self._stop_lock = threading.Lock()
         self._motion = ""
@@ -296,6 +301,8 @@ class CellEngine:
                 hint="the camera's time stamps cannot be trusted; use its software "
                 "trigger",
             )
+        if self._calibrated is not None:
+            require_size(frame, self._calibrated, camera.name)
         return frame
 
     def _wait(self, seconds: float, device: str) -> None:

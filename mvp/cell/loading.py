@@ -124,8 +124,15 @@ class LoadedTask:
     pose_file: Path | None = None
 
 
-def load_cell(cell: str, *, accept_calibration: str = "") -> LoadedCell:
+def load_cell(
+    cell: str, *, accept_calibration: str = "", finds_part: bool = False
+) -> LoadedCell:
     """Load a cell by path or bundled name, with its calibration.
+
+    Args:
+        cell: path or name.
+        accept_calibration: why a person accepts what would be refused.
+        finds_part: the part's pose is only where to begin to look for it.
 
     Raises:
         UsageError: no such cell.
@@ -149,6 +156,7 @@ def load_cell(cell: str, *, accept_calibration: str = "") -> LoadedCell:
         simulated=config.simulated,
         tubes_mm=[config.optics.mounted_tube_mm, *config.optics.extension_tubes_mm],
         accept_reason=accept_calibration,
+        finds_part=finds_part,
     )
     dh_file = _dh_file(source, config)
     own = [dh_file] if dh_file is not None else []

@@ -325,6 +325,7 @@ class Session:
                 folder.load,
                 declared_axes(device_records(self.infos)),
             ),
+            calibrated=self.setting.cell.calibrations.camera,
         )
 
 

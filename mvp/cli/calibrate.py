@@ -48,20 +48,8 @@ def calibrate(
     ],
     cell: CellArgument,
     task: TaskOption = None,
-    auto: Annotated[
-        bool,
-        typer.Option(
-            "--auto", help="answer every question with its default, unattended"
-        ),
-    ] = False,
-    session: Annotated[
-        Path | None,
-        typer.Option(
-            "--session",
-            metavar="DIR",
-            help="compute a stored session once more, without any device",
-        ),
-    ] = None,
+    auto: AutoOption = False,
+    session: SessionOption = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="go on with the session that broke off")
     ] = False,

@@ -59,7 +59,7 @@ def run(
 
     if locate:
         _refuse_without_motion(dry=dry, resume=resume)
-    loaded = load_cell(cell, accept_calibration=accept_calibration)
+    loaded = load_cell(cell, accept_calibration=accept_calibration, finds_part=locate)
     check_driver_configs(loaded)
     options = RunOptions(out=out, part_id=part_id, step=step, partial=partial)
     flow = run_flow.RunFlow(cell, loaded, task, options, seed=seed, yes=yes)

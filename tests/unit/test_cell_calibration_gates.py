@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
-from mvp.cell.calibrated_devices import accepted_on_devices
+from mvp.cell.calibrated_devices import accepted_on_devices, require_size
 from mvp.cell.calibration_gates import of_views
 from mvp.cell.hardware import build_devices, opened
 from mvp.cell.loading import load_cell
 from mvp.cell.places import bundled_names, bundled_root
 from mvp.cell.world_building import WorldBodies
 from mvp.cli.main import invoke
-from mvp.errors import CalibrationError
+from mvp.devices import Frame
+from mvp.errors import CalibrationError, DeviceFault
 from mvp.planning.plan import LensSteps, PlannedView
 from mvp.testing import block
 
@@ -266,3 +269,13 @@ def test_a_step_outside_of_the_validity_is_refused(folder: Path) -> None:
         objection.text
     )
     assert list(of_views(found, [view(7000)])) == []
+
+
+def test_a_picture_of_another_mode_of_the_camera_is_refused(folder: Path) -> None:
+    known = load_cell(str(folder)).calibrations.camera
+    frame = Frame(np.zeros((128, 160), np.uint8), 255, 0.0, 0.01, 0.1, 1)
+    require_size(frame, known, "camera")
+    turned = replace(frame, pixels=frame.pixels.T)
+    with pytest.raises(DeviceFault, match="pictures have 128 x 160 px, but") as caught:
+        require_size(turned, known, "camera")
+    assert "calibrate the camera at this size" in caught.value.hint
