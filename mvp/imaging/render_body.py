@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 from mvp.geometry import Pose, TriangleMesh
@@ -33,6 +35,17 @@ class PlanarTexture:
         if albedo.ndim != 2 or not self.mm_per_texel > 0:
             raise ValueError("a print is a 2-D picture with a positive texel size")
         object.__setattr__(self, "albedo", albedo)
+
+    @cached_property
+    def room_texels(self) -> Float32Array:
+        """(rows, columns) how far, along rows and columns, the print is of one colour."""
+        around = np.ones((3, 3), np.uint8)
+        lowest, highest = (
+            cv2.erode(self.albedo, around),
+            cv2.dilate(self.albedo, around),
+        )
+        plain = (lowest == highest).astype(np.uint8)
+        return np.asarray(cv2.distanceTransform(plain, cv2.DIST_C, 3), np.float32)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,13 +6,14 @@ part of a pixel everywhere, by the pupil in proportion to the local blur.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from scipy.fft import fftfreq, irfft2, next_fast_len, rfft2, rfftfreq
 
 from mvp.imaging.diffraction import airy_transfer
+from mvp.imaging.print_lookup import averaged_lookup
 
 if TYPE_CHECKING:
     from mvp.geometry import BoolArray, FloatArray, IntArray, Pose
@@ -104,20 +105,6 @@ def _lookup(
     return np.asarray(found, dtype=np.float32).reshape(shape)
 
 
-def _pairs_lookup(albedo: Float32Array, texels: Float32Array) -> Float32Array:
-    """As ``_lookup`` for a picture (h, w, 2) of texel coordinates."""
-    if max(texels.shape[:2]) > 32_000:
-        return _lookup(albedo, texels[..., 0], texels[..., 1])
-    found = cv2.remap(
-        albedo,
-        texels,
-        cast("Float32Array", None),
-        interpolation=cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    return np.asarray(found, dtype=np.float32)
-
-
 def blurred_prints(
     view: CameraView,
     grey: Float32Array,
@@ -168,14 +155,11 @@ def _blurred_print(
         else (np.zeros_like(texels), np.zeros_like(texels))
     )
     by_pupil = blur[..., None] * np.stack([along_x, along_y])
-    ways = np.stack([texels, along_x, along_y, *by_pupil]).reshape(5, -1)
-    fixed = samples.pixel_px
     pupil = samples.pupil_mm / view.optics.a_mm / view.pitch_mm
-    shares = np.column_stack([np.ones(len(fixed)), fixed, pupil]).astype(np.float32)
-    total = np.zeros(texels.shape[:2], dtype=np.float32)
-    for share in shares:
-        total += _pairs_lookup(texture.albedo, (share @ ways).reshape(texels.shape))
-    total = total / np.float32(len(fixed))
+    ones = np.ones(len(pupil))
+    shares = np.column_stack([ones, samples.pixel_px, pupil]).astype(np.float32)
+    ways = np.stack([texels, along_x, along_y, *by_pupil])
+    total = averaged_lookup(texture, ways, shares)
     if diffraction:
         total = _diffracted(total, view.optics.airy_unit_mm / view.pitch_mm)
     inside = shown[crop]
