@@ -70,7 +70,7 @@ class GrblWire:
         self._clock = context.clock
         self._on_home_lost = on_home_lost
         self._reader = ReportReader("XYZ")
-        self._came = Arrivals()
+        self._came = Arrivals(context.clock)
         self._never = threading.Event()
         self._alarm: int | None = None
         self._doing = ""

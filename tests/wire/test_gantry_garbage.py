@@ -8,12 +8,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers._gantry.codes import alarm_fault, line_error, loses_home
 from drivers._gantry.config import GantryConfig
-from drivers._gantry.grbl_identity import identity_of, listing, refuse_inches
+from drivers._gantry.grbl_identity import (
+    error_number,
+    identity_of,
+    listing,
+    refuse_inches,
+)
 from drivers._gantry.grbl_report import ReportReader
 from drivers._gantry.wire import Activity
 from mvp.devices import LineFramer, text
 from mvp.errors import MvpCellError
+from tests.fuzzing import Mutants, fuzz
 
 AXES = [
     {"letter": x, "low": -100, "high": 0, "speed": 10, "acceleration": 10}
@@ -22,6 +29,15 @@ AXES = [
 CONFIG = GantryConfig.model_validate(
     {"port": "none", "firmware": "grblhal", "axes": AXES}
 )
+LISTINGS = [
+    b"[VER:1.1f.20240928:Table 3]\r\n[OPT:V,100,1024,5,0]\r\n[AXS:5:XYZAB]\r\nok\r\n",
+    b"$13=0\r\n$20=1\r\nok\r\n",
+    b"<Idle|MPos:-1.000,-1.000,-1.000,0.000,0.000|Bf:100,1023|H:1>\r\n",
+    b"<Run|WPos:1.000,2.000,3.000,0.000,0.000|WCO:-10.0,0.0,5.0,0.0,0.0|Pn:XY>\r\n",
+    b"error:8\r\n",
+    b"ALARM:9\r\n",
+]
+PIECES = b"ok < > | , : ] [VER: [AXS: [OPT: MPos: WPos: WCO: $13= error: ALARM: XYZAB"
 _LINES = st.lists(
     st.one_of(
         st.binary(max_size=60),
@@ -48,6 +64,10 @@ def _read(lines: list[bytes]) -> Activity | None:
         assert report is None or len(report.machine) == 5
         with suppress(MvpCellError):
             accept(frame)
+        number = error_number(text(frame))
+        assert alarm_fault(number, "grblhal", "arm").message
+        assert line_error(number, "G90", "arm").message
+        assert loses_home(number) in (True, False)
     for understand in (
         lambda: identity_of(frames, CONFIG, "arm"),
         lambda: refuse_inches(frames, "arm"),
@@ -68,10 +88,13 @@ def test_garbage(lines: list[bytes]) -> None:
 
 @pytest.mark.full
 @pytest.mark.timeout(3600)
-@given(_LINES)
-@settings(max_examples=100_000, deadline=None)
-def test_much_garbage(lines: list[bytes]) -> None:
-    assert _read(lines) is Activity.MOVES
+def test_much_garbage() -> None:
+    mutants = Mutants(LISTINGS, PIECES.split())
+
+    def check(lines: bytes) -> None:
+        assert _read(lines.split(b"\n")) is Activity.MOVES
+
+    fuzz(check, mutants)
 
 
 def test_reports_of_real_firmware() -> None:
