@@ -80,12 +80,16 @@ class ProblemFactory:
     """Makes a problem for any group of a task's features and any extension tube.
 
     Regions of single features are computed once; groups intersect them.
+
+    Attributes:
+        beyond: plan over the whole lens table, not only where it holds.
     """
 
     cell: LoadedCell
     task: LoadedTask
     scene: TaskScene
     accept: Accept | None = None
+    beyond: bool = False
     _regions: dict[str, Region] = field(default_factory=dict)
 
     @cached_property
@@ -100,12 +104,13 @@ class ProblemFactory:
 
     @cached_property
     def table(self) -> LensTable:
-        """The lens on the tube that is mounted."""
+        """The lens on the tube that is mounted, where its table holds."""
         found = self.cell.calibrations
         try:
-            return LensTable.from_calibration(
+            table = LensTable.from_calibration(
                 found.lens_table, tube_mm=self.cell.config.optics.mounted_tube_mm
             )
+            return table.within(None if self.beyond else found.lens_table.validity)
         except CalibrationError as error:
             file = str(found.files["lens_table"])
             raise CalibrationError(

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from mvp.cell.calibration_gates import measure_again
+from mvp.cell.lens_validity import beyond_words, narrowed_axes
 from mvp.cell.objectives import repairs, searched
 from mvp.cell.realise_view import RealisedView, realise
 from mvp.cell.unseen import unseen
@@ -41,7 +43,8 @@ _TRIAL_CANDIDATES = 8_000
 _FIXES = {
     "reach": "move the part, give the arm more room or a larger workspace, or leave "
     "out what stands in its way",
-    "lens_range": "widen f_mm, d_mm or a_mm in the task, or mount another lens or tube",
+    "lens_range": "widen f_mm, d_mm or a_mm in the task, mount another lens or tube, or "
+    "measure the lens over a wider range",
     "max_views": "raise planning.max_views in the task",
 }
 
@@ -253,7 +256,33 @@ class ViewFinder:
 
     def explained(self, found: Found) -> Found:
         """The same, with what would help the features that stayed without a view."""
-        return replace(found, failed=tuple(self._explained(f) for f in found.failed))
+        return replace(
+            found,
+            failed=tuple(self._bound(f) or self._explained(f) for f in found.failed),
+        )
+
+    def _bound(self, failed: Failed) -> Failed | None:
+        """Say so when only the range over which the lens table holds is in the way."""
+        whole = replace(self.factory, beyond=True)
+        narrowed = narrowed_axes(whole.table, self.factory.table)
+        searched = failed.problem is not None or failed.kind == "lens_range"
+        if not narrowed or not searched:
+            return None
+        self.tell(
+            f"whether {_names(failed.features)} can be seen beyond the lens table"
+        )
+        view = replace(self, factory=whole).group(failed.features)
+        if isinstance(view, Failed):
+            return None
+        file = self.factory.cell.calibrations.files["lens_table"]
+        lacks, needs = beyond_words(narrowed, view.steps)
+        return replace(
+            failed,
+            reason=f"{failed.reason}; what binds is the range over which the lens table "
+            f"holds ({lacks}; {file}): the motors would go on to a view with {needs}",
+            fix=f"measure the lens so far: {measure_again('lens_table')}, and includes "
+            f"{needs}",
+        )
 
     def _explained(self, failed: Failed) -> Failed:
         """Ask the planner why, unless the reason lies outside of it."""

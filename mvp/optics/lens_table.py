@@ -21,7 +21,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from mvp.calibrated.models import AxisTable, LensTableCalibration
+    from mvp.calibrated.models import (
+        AxisTable,
+        LensTableCalibration,
+        LensValidity,
+    )
     from mvp.geometry import FloatArray
 
 AxisName: TypeAlias = Literal["zoom", "focus", "iris"]
@@ -56,11 +60,13 @@ class MotorAxis:
         name: zoom, focus or iris.
         steps: (k,) nodes, sorted.
         values_mm: (k,) values at the nodes, rising or falling.
+        valid_steps: where the table holds; None: all of it.
     """
 
     name: AxisName
     steps: FloatArray
     values_mm: FloatArray
+    valid_steps: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         steps = np.asarray(self.steps, np.float64).reshape(-1)
@@ -91,13 +97,40 @@ class MotorAxis:
 
     @property
     def range_mm(self) -> tuple[float, float]:
-        """Smallest and largest value, mm."""
+        """Smallest and largest value where the table holds, mm."""
+        if self.valid_steps is None:
+            return self._whole_mm
+        ends = self.value_mm(self.range_steps)
+        return float(ends.min()), float(ends.max())
+
+    @property
+    def _whole_mm(self) -> tuple[float, float]:
         return float(self.values_mm.min()), float(self.values_mm.max())
 
     @property
     def range_steps(self) -> tuple[int, int]:
-        """First and last step of the table."""
-        return int(self.steps[0]), int(self.steps[-1])
+        """First and last step of the table, or where it holds."""
+        first, last = int(self.steps[0]), int(self.steps[-1])
+        if self.valid_steps is None:
+            return first, last
+        return max(first, self.valid_steps[0]), min(last, self.valid_steps[1])
+
+    def within(self, valid_steps: tuple[int, int]) -> MotorAxis:
+        """The same values, only from one step to another.
+
+        Raises:
+            CalibrationError: the table has fewer than two steps there.
+        """
+        found = replace(self, valid_steps=valid_steps)
+        first, last = found.range_steps
+        if first >= last:
+            raise CalibrationError(
+                f"lens table, {self.name}: it is said to hold from step "
+                f"{valid_steps[0]} to {valid_steps[1]}, but was measured from "
+                f"{int(self.steps[0])} to {int(self.steps[-1])}",
+                hint="measure this axis of the lens again, or restore the file",
+            )
+        return found
 
     @property
     def sense(self) -> int:
@@ -119,7 +152,7 @@ class MotorAxis:
     def fractional_steps(self, values_mm: ArrayLike) -> FloatArray:
         """The inverse of ``value_mm``, to 1e-9 steps."""
         target = np.asarray(values_mm, np.float64)
-        inner = np.clip(target, *self.range_mm)
+        inner = np.clip(target, *self._whole_mm)
         rising, wanted = self.values_mm * self.sense, inner * self.sense
         piece = np.clip(np.searchsorted(rising, wanted), 1, len(rising) - 1) - 1
         c_3, c_2, c_1, c_0 = self._curve.c[:, piece] * self.sense
@@ -190,6 +223,21 @@ class LensTable:
     def with_tube(self, tube_mm: float) -> LensTable:
         """The same lens on another extension tube (0 takes it off)."""
         return replace(self, tube_mm=tube_mm)
+
+    def within(self, validity: LensValidity | None) -> LensTable:
+        """The same lens where its table holds.
+
+        Raises:
+            CalibrationError: that is nowhere.
+        """
+        if validity is None:
+            return self
+        return replace(
+            self,
+            zoom=self.zoom.within(validity.zoom_steps),
+            focus=self.focus.within(validity.focus_steps),
+            iris=self.iris.within(validity.iris_steps),
+        )
 
     @property
     def f_range_mm(self) -> tuple[float, float]:
