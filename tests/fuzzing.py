@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from hypothesis import settings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
 MANY = 100_000
 NUMBERS = [
@@ -77,9 +77,9 @@ class Mutants:
                 self._seen.add(data)
                 return data
 
-    def __iter__(self) -> Iterator[bytes]:
-        while True:
-            yield self.next()
+    def several(self, first: bytes, count: int) -> list[bytes]:
+        """This one and new ones: what is said to one far end, one after the other."""
+        return [first, *(self.next() for _ in range(count - 1))]
 
     def _one(self, good: bytes | None) -> bytes:
         rng = self.rng

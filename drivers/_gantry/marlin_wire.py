@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _OK = re.compile(r"ok\b")
-_PLACE = re.compile(r"([XYZABCUVW]):(-?\d+(?:\.\d+)?)")
+_PLACE = re.compile(r"([XYZABCUVW]):(-?\d{1,7}(?:\.\d{1,6})?)(?![\d.])")
 _RESEND = re.compile(r"Resend:\s*(\d+)")
 _SENT_AGAIN = 3
 _GREETING_S = 1.0  # a board that is still starting swallows the question

@@ -29,7 +29,8 @@ def answer(line: bytes, verbs: Mapping[str, Verb]) -> bytes:
     """Do what one line asks; the answering line, with its line feed.
 
     A verb gets the other keys of the line and returns what to add to the answer. Its
-    LookupError, TypeError or ValueError becomes the refusal's message.
+    LookupError, TypeError, ValueError or number out of bounds becomes the refusal's
+    message.
     """
     try:
         asked = json.loads(line)
@@ -38,7 +39,14 @@ def answer(line: bytes, verbs: Mapping[str, Verb]) -> bytes:
             raise ValueError(f"no verb {name!r}; there are: {', '.join(sorted(verbs))}")
         said = verbs[name](asked) or {}
         text = json.dumps({"ok": True, **said})
-    except (AttributeError, LookupError, TypeError, ValueError) as error:
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ) as error:
         text = json.dumps({"ok": False, "message": f"{type(error).__name__}: {error}"})
     return text.encode() + b"\n"
 

@@ -6,6 +6,7 @@ once. A command that takes its time keeps the lines behind it waiting.
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from drivers.simulators.gcode_words import WordError, cleaned, words
@@ -22,6 +23,8 @@ _RESET, _QUERY, _HOLD, _RESUME, _JOG_CANCEL, _DOOR = 0x18, 0x3F, 0x21, 0x7E, 0x8
 _HAL_QUERY, _HAL_RESUME, _HAL_HOLD, _HAL_MODES, _HAL_FULL = 0x80, 0x81, 0x82, 0x83, 0x87
 _LOCKED, _NOT_IDLE, _TOO_LONG = 9, 8, 11
 _UNKNOWN, _NO_HOMING, _CRITICAL = 3, 5, 79
+_BAD_NUMBER, _NEGATIVE = 2, 4
+_VALUE = re.compile(r"\d{1,9}(\.\d{0,9})?", re.ASCII)
 _QUERY_BYTES = 20  # that arrive until the main loop comes round to answer
 _HOMING_REPORT_S = 0.5
 
@@ -299,7 +302,11 @@ class GrblMachine:
         if number not in self._shown_settings():
             self._speaker.error(_UNKNOWN)
             return
-        self.settings[number] = value
+        if not _VALUE.fullmatch(value):
+            self._speaker.error(_NEGATIVE if value.startswith("-") else _BAD_NUMBER)
+            return
+        is_whole = "." not in self.settings[number]
+        self.settings[number] = str(int(float(value))) if is_whole else value
         self._speaker.ok()
 
     def _unlock(self) -> None:

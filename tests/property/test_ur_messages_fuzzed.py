@@ -1,11 +1,14 @@
 """Whatever a dying worker or a broken network says, only our own errors come of it."""
 
+from contextlib import suppress
+
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers._ur.messages import Unreadable, decode, encode
 from drivers._ur.status import Freshness, Implausible, Status
+from tests.fuzzing import MANY, Mutants, fuzz
 
 ANGLE = st.floats(-6.3, 6.3)
 SIX = st.tuples(*[ANGLE] * 6)
@@ -65,20 +68,51 @@ def test_any_status_is_one_or_implausible(good, name, value):
     assert is_status_or_implausible(good, name, value)
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
-@given(st.binary(max_size=200))
-@settings(max_examples=100_000, deadline=None)
-def test_any_line_is_a_message_or_unreadable_at_length(line):
-    assert is_taken_or_refused(line)
+SEEN = {
+    "id": 7,
+    "ok": True,
+    "status": Status(
+        12.5, (0.1,) * 6, (0.0,) * 6, (0.0,) * 6, (0.3,) * 6, 7, 1, 1, 2, 1.0, 1.5
+    ).to_wire(),
+}
+LINES = [
+    encode(SEEN),
+    encode({"status": SEEN["status"]}),
+    encode({"id": 3, "ok": False, "kind": "refused", "message": "no"}),
+    encode({"lost": "the controller hung up"}),
+    encode({"hello": 1}),
+]
+PIECES = b'{ } [ ] [1] [] {} null true "x" "" , : "id": "status": \\ \\u'.split()
 
 
 @pytest.mark.full
 @pytest.mark.timeout(3600)
-@given(STATUS, st.sampled_from(sorted(Status.__dataclass_fields__)), JSON)
-@settings(max_examples=100_000, deadline=None)
-def test_any_status_is_one_or_implausible_at_length(good, name, value):
-    assert is_status_or_implausible(good, name, value)
+def test_any_line_is_a_message_or_unreadable_at_length():
+    def check(line: bytes) -> None:
+        assert is_taken_or_refused(line)
+
+    fuzz(check, Mutants([*LINES, b"[" * 1500], PIECES))
+
+
+@pytest.mark.full
+@pytest.mark.timeout(3600)
+def test_any_status_is_one_or_implausible_at_length():
+    """Damaged on the wire; those that are no message any more do not count."""
+    statuses = Mutants([encode(SEEN["status"])], PIECES)
+    judged = 0
+
+    def check(line: bytes) -> None:
+        nonlocal judged
+        try:
+            found = decode(line)
+        except Unreadable:
+            return
+        judged += 1
+        with suppress(Implausible):
+            assert Status.from_wire(found).standing in (True, False)
+
+    while judged < MANY:
+        fuzz(check, statuses, count=statuses.given + MANY)
 
 
 @given(st.lists(st.floats(0.001, 0.05), min_size=1, max_size=50), st.floats(0, 5))

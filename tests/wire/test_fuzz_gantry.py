@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from drivers._gantry.grbl_report import ReportReader
 from drivers.arm_gantry import GantryArm
 from mvp.devices import DeviceContext, text
-from mvp.errors import ConnectError, DeviceError, DeviceTimeout
+from mvp.errors import ConnectError, DeviceError, DeviceTimeout, WireError
 from mvp.testing import FarEnd
 from mvp.testing.require import nothing_in_the_way
 from tests.fuzzing import Mutants, fuzz
@@ -32,7 +32,14 @@ GRBL = {
 PLACE = b"X:100.00 Y:200.00 Z:50.00 E:0.00 A:10.00 B:20.00 Count X:8000 Y:1 Z:1\nok\n"
 TRIES = 10
 AXES = [
-    {"letter": letter, "low": low, "high": 1200, "speed": 100, "acceleration": 100}
+    {
+        "letter": letter,
+        "low": low,
+        "high": 1200,
+        "speed": 100,
+        "acceleration": 100,
+        "home": "declared" if letter in "AB" else "switch",
+    }
     for letter, low in (("X", -1200), ("Y", -1200), ("Z", -900), ("A", -90), ("B", -90))
 ]
 AT = {
@@ -150,6 +157,20 @@ GREETINGS = [
 PIECES = (
     b"ok error: ALARM: < > | , : MPos: WCO: [VER: [AXS:5:XYZAB] $13=1 Resend: X: Count"
 )
+
+
+@pytest.mark.parametrize("place", [b"1" * 400, b"12345678", b"1.2.3", b"-", b"nan"])
+def test_a_place_that_no_axis_can_have_is_no_place(place: bytes) -> None:
+    """400 digits are infinity to Python; the head of 12345678 is another place."""
+    far_end = FarEnd("arm", marlin)
+    context = DeviceContext(transports=far_end.as_link)
+    with GantryArm.from_config(config_of("marlin"), context, name="arm") as arm:
+        said = PLACE.replace(b"A:10.00", b"A:" + place)
+        far_end.answer = lambda sent: said if b"M114" in sent else marlin(sent)
+        with pytest.raises(WireError, match="no A"):
+            arm.state()
+        far_end.answer = marlin
+        assert arm.state().joints[:3] == AT["marlin"]
 
 
 class Damaged:

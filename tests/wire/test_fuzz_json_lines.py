@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from drivers.simulators.control import answer
@@ -15,6 +15,7 @@ from drivers.simulators.lens_machine import lens_verbs
 from drivers.simulators.scf4 import Scf4Config, Scf4Machine
 from mvp.devices import RealClock, ReplayTransport
 from mvp.errors import RecordError
+from tests.fuzzing import Mutants, fuzz
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,16 +56,31 @@ def state_after(verbs: dict, line: bytes) -> dict[str, object]:
 
 @settings(deadline=None)
 @given(line=lines)
+@example(line=b"[" * 1500)
+@example(line=b'{"do": "noise", "seconds": 1e400}')
 def test_a_fault_channel_answers_every_line(verbs: dict, line: bytes) -> None:
     assert state_after(verbs, line)["moves_begun"] == 0  # no verb turns a motor
 
 
+PIECES = b'{ } [ ] null true "" "x" , : "do": "axis": "zoom" "iris" "count": \\'.split()
+ASKED = [json.dumps({"do": verb}).encode() for verb in VERBS] + [
+    b'{"do": "noise", "seconds": 1, "drop": 0.5, "flip": 0.1, "late_s": 0.2}',
+    b'{"do": "stall", "axis": "zoom"}',
+    b'{"do": "turn", "axis": "iris", "steps": 20}',
+    b'{"do": "say", "hex": "4f4b0d0a"}',
+    b'{"do": "hold_next", "count": 1, "seconds": 0.5}',
+    b'{"do": "drop_next", "count": 2}',
+    b"[" * 1500,
+]
+
+
 @pytest.mark.full
 @pytest.mark.timeout(3600)
-@settings(max_examples=100_000, deadline=None)
-@given(line=lines)
-def test_a_fault_channel_answers_every_line_at_length(verbs: dict, line: bytes) -> None:
-    assert state_after(verbs, line)["moves_begun"] == 0  # no verb turns a motor
+def test_a_fault_channel_answers_every_line_at_length(verbs: dict) -> None:
+    def check(line: bytes) -> None:
+        assert state_after(verbs, line)["moves_begun"] == 0  # no verb turns a motor
+
+    fuzz(check, Mutants(ASKED, PIECES))
 
 
 HEADER = {"schema": "mvp-cell/wire/1", "device": "lens", "dropped_bytes": 0}
@@ -100,13 +116,12 @@ def test_any_file_is_a_recording_or_refused(tmp_path: Path, content: bytes) -> N
 
 @pytest.mark.full
 @pytest.mark.timeout(3600)
-@settings(
-    max_examples=100_000,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-@given(content=dumps)
-def test_any_file_is_a_recording_or_refused_at_length(
-    tmp_path: Path, content: bytes
-) -> None:
-    assert is_recording_or_refused(tmp_path / "dump", content)
+def test_any_file_is_a_recording_or_refused_at_length(tmp_path: Path) -> None:
+    head, entry = json.dumps(HEADER).encode(), json.dumps(ENTRY).encode()
+    lost = json.dumps({**ENTRY, "what": "lost", "hex": ""}).encode()
+    dumps = Mutants([b"\n".join([head, entry, entry, lost]), head], PIECES)
+
+    def check(content: bytes) -> None:
+        assert is_recording_or_refused(tmp_path / "dump", content)
+
+    fuzz(check, dumps)

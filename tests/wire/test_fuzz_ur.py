@@ -20,6 +20,7 @@ from drivers._ur.version import PORT as RTDE_PORT
 from drivers._ur.version import ask_version
 from mvp.devices import RealClock
 from mvp.errors import DeviceError
+from tests.fuzzing import Mutants, fuzz
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -136,24 +137,51 @@ def test_any_controller_has_a_version_or_is_a_device_error(
     assert version_asked(controller, words) == (5, 12, 0, 7)
 
 
+ANSWERS = [
+    GREETING + b"Robotmode: RUNNING\n",
+    GREETING + b"Stopped\n",
+    GREETING + b"could not understand: 'x'\n",
+    GREETING + b"Safetystatus: PROTECTIVE_STOP\nLoaded program: /programs/a.urp\n",
+]
+PIECES = [b"\n", b"\r", b":", b"\xff\xfe", b"\0", b"x" * 600, *GREETING.split()]
+ONE_IN = 100
+
+
 @pytest.mark.full
 @pytest.mark.timeout(3600)
-@settings(max_examples=100_000, deadline=None)
-@given(words=replies)
 def test_any_dashboard_ends_in_text_or_a_device_error_at_length(
-    dashboard: Talker, words: bytes
+    dashboard: Talker,
 ) -> None:
-    assert asked(dashboard, words) == "RUNNING"
+    mutants = Mutants(ANSWERS, PIECES)
+
+    def check(words: bytes) -> None:
+        dashboard.words = words
+        board = Dashboard(HOST, name="arm", clock=CLOCK, timeout_s=QUICK_S)
+        with suppress(DeviceError), board:
+            assert isinstance(board.value("robotmode"), str)
+            assert isinstance(board.value("safetystatus"), str)
+        if mutants.given % ONE_IN == 0:
+            assert asked(dashboard, words) == "RUNNING"
+
+    fuzz(check, mutants)
 
 
 @pytest.mark.full
 @pytest.mark.timeout(3600)
-@settings(max_examples=100_000, deadline=None)
-@given(words=packages)
 def test_any_controller_has_a_version_or_is_a_device_error_at_length(
-    controller: Talker, words: bytes
+    controller: Talker,
 ) -> None:
-    assert version_asked(controller, words) == (5, 12, 0, 7)
+    mutants = Mutants([GOOD_VERSION], [b"\0", b"\x04V\x01", b"\x13v", b"\xff\xff"])
+
+    def check(words: bytes) -> None:
+        controller.words = words
+        with suppress(DeviceError):
+            found = ask_version(HOST, name="arm", clock=CLOCK, timeout_s=QUICK_S)
+            assert len(found) == 4
+        if mutants.given % ONE_IN == 0:
+            assert version_asked(controller, words) == (5, 12, 0, 7)
+
+    fuzz(check, mutants)
 
 
 MESSAGES = [

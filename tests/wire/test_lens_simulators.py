@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from drivers.simulators.scf4 import Scf4Config, Scf4Machine
 from drivers.simulators.theia import TheiaConfig, TheiaMachine
 from drivers.simulators.visca import ViscaConfig, ViscaMachine
+from tests.fuzzing import Mutants, fuzz
 from tests.wire.machine_bench import MachineBench
 
 if TYPE_CHECKING:
@@ -246,9 +247,7 @@ def _nonsense(
     return machine.places()
 
 
-@given(_CHUNKS)
-@settings(max_examples=100, deadline=None)
-def test_nonsense_does_not_upset_an_scf4(chunks: list[bytes]) -> None:
+def _scf4_survives(chunks: list[bytes]) -> None:
     lens = Scf4Bench(Scf4Machine(Scf4Config()))
     stands = _nonsense(lens, chunks, moving=b"G")
     assert lens.say(b"$S\n").startswith(b"EVB.1.0.2")
@@ -257,9 +256,7 @@ def test_nonsense_does_not_upset_an_scf4(chunks: list[bytes]) -> None:
     assert lens.machine.places() == stands
 
 
-@given(_CHUNKS)
-@settings(max_examples=100, deadline=None)
-def test_nonsense_does_not_upset_a_theia(chunks: list[bytes]) -> None:
+def _theia_survives(chunks: list[bytes]) -> None:
     lens = TheiaBench(TheiaMachine(TheiaConfig()))
     stands = _nonsense(lens, chunks, moving=b"\x62\x66\x73BFS")
     assert lens.say(b"\x76\x0d").startswith(b"\x76\x05")
@@ -267,12 +264,61 @@ def test_nonsense_does_not_upset_a_theia(chunks: list[bytes]) -> None:
     assert lens.machine.places() == stands
 
 
-@given(_CHUNKS)
-@settings(max_examples=100, deadline=None)
-def test_nonsense_does_not_upset_a_visca_camera(chunks: list[bytes]) -> None:
+def _visca_survives(chunks: list[bytes]) -> None:
     lens = ViscaBench(ViscaMachine(ViscaConfig()))
     stands = _nonsense(lens, chunks, moving=b"\x04\xff")
     asked = lens.say(bytes.fromhex("81090002ff"))
     assert asked.startswith(bytes.fromhex("90500020"))
     lens.wait(0.2)
     assert lens.machine.places() == stands
+
+
+SURVIVES = {"scf4": _scf4_survives, "theia": _theia_survives, "visca": _visca_survives}
+
+
+@pytest.mark.parametrize("make", SURVIVES)
+@given(chunks=_CHUNKS)
+@settings(max_examples=100, deadline=None)
+def test_nonsense_does_not_upset_it(make: str, chunks: list[bytes]) -> None:
+    SURVIVES[make](chunks)
+
+
+def _frames(*frames: str) -> list[bytes]:
+    return [bytes.fromhex(frame) for frame in frames]
+
+
+LINES = {
+    "scf4": [
+        b"G92 A24000\nG0 A26000 B100 C-5\n",
+        b"G91\nM231 A\nM232 A400 E700\n",
+        b"$S\n!1\n$B2\n$B3\nM0\n",
+        b"M234 A190 B190 C190\nM240 A600\nM243 C6\nM238\nG4 P500\n",
+    ],
+    "theia": _frames(
+        "760D790D67010D",
+        "6201001E0104B00D",
+        "66020064010BB80D",
+        "730200000104B00D",
+        "63010001000C9B006405DC0D",
+    ),
+    "visca": _frames(
+        "883001FF81010001FF",
+        "8101044704000000FF",
+        "8101044801020304FF81090448FF",
+        "81090002FF81090447FF",
+        "8101040002FF8121FF",
+    ),
+}
+PIECES = {
+    "scf4": b"G0 G91 A B-1 $ ! M0 M231 M230 \n \r".split(b" "),
+    "theia": _frames("0D", "62", "66", "73", "7301", "0D0D", "FFFF"),
+    "visca": _frames("FF", "81", "88", "0104", "010447", "0904", "21"),
+}
+
+
+@pytest.mark.full
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("make", SURVIVES)
+def test_much_nonsense_does_not_upset_it(make: str) -> None:
+    mutants = Mutants(LINES[make], PIECES[make])
+    fuzz(lambda first: SURVIVES[make](mutants.several(first, 10)), mutants)

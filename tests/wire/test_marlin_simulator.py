@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.simulators.marlin import MarlinConfig, MarlinMachine
+from tests.fuzzing import Mutants, fuzz
 from tests.wire.machine_bench import MachineBench
 
 KILLED = b"Error:Printer halted. kill() called!\n"
@@ -191,9 +192,25 @@ def test_nonsense_does_not_upset_it(chunks: list[bytes]) -> None:
     assert re.fullmatch(rb"FIRMWARE_NAME:Marlin .*ok\n", _nonsense(chunks), re.DOTALL)
 
 
+LINES = [
+    b"G1 X100.5 Y-20 Z3 A4 B5 F3000\n",
+    summed("N1 G1 X10 F600"),
+    summed("N0 M110 N0") + summed("N1 G90") + summed("N2 G28 X Y Z"),
+    b"M115\nM114\nM400\nM119\n",
+    b"M410\nM112\n",
+    b"M211 S0\nM154 S1\nM92 X80\n",
+    b"G4 P300\nG92 X0\n; comment\n",
+]
+PIECES = b"G0 G28 G91 G92 M110 M410 M112 N1 N-1 *0 *255 ; \n \r X Y-1 F F0 S1 P\xff"
+
+
 @pytest.mark.full
 @pytest.mark.timeout(3600)
-@given(_CHUNKS)
-@settings(max_examples=100_000, deadline=None)
-def test_much_nonsense_does_not_upset_it(chunks: list[bytes]) -> None:
-    assert re.fullmatch(rb"FIRMWARE_NAME:Marlin .*ok\n", _nonsense(chunks), re.DOTALL)
+def test_much_nonsense_does_not_upset_it() -> None:
+    mutants = Mutants(LINES, PIECES.split(b" "))
+
+    def check(first: bytes) -> None:
+        said = _nonsense(mutants.several(first, 20))
+        assert re.fullmatch(rb"FIRMWARE_NAME:Marlin .*ok\n", said, re.DOTALL)
+
+    fuzz(check, mutants)

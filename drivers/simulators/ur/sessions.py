@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _BACKLOG_BYTES = 65536
+_SELDOM = 1e9  # cycles; a frequency next to nothing
 _RESET = struct.pack("ii", 1, 0)
 
 
@@ -280,7 +281,7 @@ class RtdeSession(Session):
         base = self.robot.profile.base_hz
         if frequency is None or not frequency > 0:
             return 1
-        return max(1, round(base / frequency))
+        return max(1, round(min(base / frequency, _SELDOM)))
 
     def _inputs(self, payload: bytes) -> bytes:
         names = wire.names_of(payload)
