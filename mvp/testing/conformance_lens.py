@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
-from mvp.devices import AXES, Axis, Lens
+from mvp.devices import AXES, Axis, DrivesStraight, Lens
 from mvp.errors import ConnectError, DeviceTimeout, LimitError, MotionStopped
 from mvp.testing.conformance import TIMEOUT_S, DeviceConformance
 from mvp.testing.require import meanwhile, refuses, require
@@ -129,15 +129,62 @@ class LensConformance(DeviceConformance):
             refuses(DeviceTimeout, lambda: _move(lens, target, timeout_s=1e-3))
             require(lens.state().standing, "still moving after a time-out")
 
+    def test_driven_straight_it_arrives_from_both_sides(self) -> None:
+        """Exactly, and standing; and the next move arrives as ever."""
+        with self.homed() as lens:
+            if not isinstance(lens, DrivesStraight):
+                return
+            for share in (0.3, 0.7, 0.5):
+                target = self.inside(lens, share)
+                reached = _move(lens, target, straight=True)
+                require(reached.steps() == target, f"{reached} instead of {target}")
+                require(reached.standing, "returned while it still moves")
+                require(lens.state().steps() == target, "state() differs")
+            require(_move(lens, target).steps() == target, "it is not there any more")
+
+    def test_driven_straight_it_keeps_its_limits(self) -> None:
+        """LimitError before it is homed and beyond the range, and nothing moved."""
+        with self.device() as lens:
+            if not isinstance(lens, DrivesStraight):
+                return
+            before = lens.state()
+            if self.forgets_home:
+                target = self.inside(lens, 0.4)
+                refuses(LimitError, lambda: _move(lens, target, straight=True))
+            for axis, (low, high) in lens.limits().items():
+                for bad in (low - 1, high + 1):
+                    target = {**self.inside(lens, 0.5), axis: bad}
+                    refuses(LimitError, partial(_move, lens, target, straight=True))
+            require(lens.state().steps() == before.steps(), "a refused move moved")
+
+    def test_driven_straight_its_deadline_is_kept(self) -> None:
+        """DeviceTimeout, and it has been stopped."""
+        with self.homed() as lens:
+            if not isinstance(lens, DrivesStraight):
+                return
+            target = self.inside(lens, 1.0)
+            refuses(
+                DeviceTimeout,
+                lambda: _move(lens, target, timeout_s=1e-3, straight=True),
+            )
+            require(lens.state().standing, "still moving after a time-out")
+
 
 def _check(lens: Lens, target: dict[Axis, int]) -> None:
     lens.check_steps(zoom=target["zoom"], focus=target["focus"], iris=target["iris"])
 
 
 def _move(
-    lens: Lens, target: dict[Axis, int], *, timeout_s: float = TIMEOUT_S
+    lens: Lens,
+    target: dict[Axis, int],
+    *,
+    timeout_s: float = TIMEOUT_S,
+    straight: bool = False,
 ) -> LensState:
-    return lens.move_steps(
+    drive = lens.move_steps
+    if straight and isinstance(lens, DrivesStraight):
+        drive = lens.move_steps_straight
+    return drive(
         zoom=target["zoom"],
         focus=target["focus"],
         iris=target["iris"],
