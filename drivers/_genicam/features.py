@@ -66,7 +66,7 @@ def apply(
     """
     kind = _kind(value)
     if kind in ("integer", "float"):
-        _check_range(backend, feature, value, kind, device)
+        check_range(backend, feature, value, kind, device)
     elif kind == "enum" and value not in backend.choices(feature):
         raise LimitError(
             f"{feature} cannot be {value!r}",
@@ -94,9 +94,10 @@ def _kind(value: Value) -> Kind:
     return "float" if isinstance(value, float) else "enum"
 
 
-def _check_range(
+def check_range(
     backend: Backend, feature: str, value: Value, kind: Kind, device: str
 ) -> None:
+    """Raise ``LimitError`` unless the camera says that it can take the value."""
     low, high = backend.bounds(feature, kind)
     if not low <= float(value) <= high:
         raise LimitError(

@@ -14,6 +14,7 @@ from drivers._genicam.features import (
     GAIN,
     Alias,
     apply,
+    check_range,
     gain_as_camera,
     gain_of_camera,
     resolve,
@@ -125,12 +126,14 @@ class Session:
         """Set, read back and compare.
 
         Raises:
-            LimitError: outside the camera's range.
+            LimitError: outside the camera's range; nothing was set.
             DeviceFault: another value was read back.
         """
         with self._translated(LinkLost):
-            read_exposure_s = self._apply_exposure(exposure_s)
+            alias, asked = self._asked_exposure(exposure_s)
+            check_range(self.backend, alias.feature, asked, alias.kind, self.device)
             read_gain = self._apply_gain(gain)
+            read_exposure_s = self._apply_exposure(exposure_s)
         self._applied = _Applied(exposure_s, gain, read_exposure_s, read_gain)
 
     @property
@@ -235,10 +238,14 @@ class Session:
         read = self.backend.get(alias.feature, alias.kind)
         self._applied.read_exposure_s = float(read) / _US
 
-    def _apply_exposure(self, exposure_s: float) -> float:
+    def _asked_exposure(self, exposure_s: float) -> tuple[Alias, Value]:
+        """What the camera calls it, and the value in its unit."""
         alias = self._known(EXPOSURE, "exposure")
         value = exposure_s * _US
-        asked: Value = round(value) if alias.kind == "integer" else value
+        return alias, round(value) if alias.kind == "integer" else value
+
+    def _apply_exposure(self, exposure_s: float) -> float:
+        alias, asked = self._asked_exposure(exposure_s)
         return float(self._apply(alias.feature, asked, _EXPOSURE_SLACK_US)) / _US
 
     def _apply_gain(self, gain: float) -> float:

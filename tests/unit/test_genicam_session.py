@@ -192,7 +192,11 @@ def test_rounding_by_the_camera_is_accepted_and_reported() -> None:
 def test_a_whole_number_must_read_back_exactly() -> None:
     camera = _modern(Width=640)
     camera.stuck["Width"] = 632
-    refuses(DeviceFault, _session(camera, features={"Width": 635}).connect)
+    session = _session(camera, features={"Width": 635})
+    error = refuses(DeviceFault, session.connect)
+    assert error.code == "read-back"
+    assert "Width" in error.message
+    assert not session.connected
 
 
 def test_after_a_loss_the_same_camera_gets_its_settings_again() -> None:
@@ -224,14 +228,21 @@ def test_after_a_loss_another_camera_is_refused() -> None:
 def test_a_camera_without_a_known_exposure_setting_is_refused() -> None:
     camera = _modern()
     del camera.features["ExposureTime"]
-    refuses(DeviceFault, _session(camera).connect)
+    session = _session(camera)
+    error = refuses(DeviceFault, session.connect)
+    assert "xposure" in error.message
+    assert not session.connected
+    assert camera.armed == 0
 
 
-def test_a_gain_below_the_cameras_range_is_refused() -> None:
-    session = _session(_modern())
+def test_a_gain_below_the_cameras_range_is_refused_and_nothing_is_set() -> None:
+    camera = _modern()
+    session = _session(camera)
     session.connect()
+    before = dict(camera.features)
     refuses(LimitError, lambda: session.configure(0.004, 0.5))
     refuses(LimitError, lambda: session.configure(0.004, 0.0))
+    assert camera.features == before
 
 
 @given(st.integers(1, 65535), st.integers(0, 1000))

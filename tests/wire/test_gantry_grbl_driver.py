@@ -98,8 +98,11 @@ def test_another_machine_of_the_same_make(gantry_bench: Make) -> None:
 
 def test_two_programs_on_one_port(gantry_bench: Make) -> None:
     bench = gantry_bench("grblhal")
-    bench.arm().open()
-    refuses(ConnectError, bench.arm().open)
+    first = bench.arm()
+    first.open()
+    error = refuses(ConnectError, bench.arm().open)
+    assert "another program" in f"{error.message} {error.hint}"
+    assert first.state().standing
 
 
 def test_reports_that_nobody_asked_for_do_no_harm(gantry_bench: Make) -> None:
@@ -302,3 +305,26 @@ def test_only_one_motion_at_a_time(gantry_bench: Make) -> None:
     wait_until(bench.moving, "it moves")
     refuses(DeviceFault, lambda: arm.move_joints(bench.start, timeout_s=5))
     worker.join(30)
+
+
+@BOTH
+def test_a_hold_that_nobody_could_end_is_given_up_at_the_next_opening(
+    gantry_bench: Make, firmware: str
+) -> None:
+    """The line fell silent in a motion: the stop got through, the reset after it not."""
+    bench = gantry_bench(firmware)
+    arm = bench.homed()
+    result = bench.amid_a_move(arm, lambda: bench.do("noise", silence=True))
+    assert isinstance(result, DeviceTimeout)
+    arm.close()
+    bench.do("noise")
+    assert str(bench.do("state")["state"]).startswith("Hold")
+    before = bench.do("state")
+    again = bench.arm()
+    again.open()
+    after = bench.do("state")
+    assert after["truth"] == pytest.approx(before["truth"], abs=1e-6)
+    assert after["moves_begun"] == before["moves_begun"]
+    if not again.homed:
+        again.home(timeout_s=60, clear=nothing_in_the_way)
+    again.move_joints(bench.far, timeout_s=30)
