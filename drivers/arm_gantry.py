@@ -20,7 +20,9 @@ from drivers._gantry.grbl_wire import GrblWire
 from drivers._gantry.homing import (
     homing_of,
     homing_step,
+    is_known,
     require_clear,
+    require_found,
     require_marks,
     way_to_marks,
 )
@@ -192,6 +194,7 @@ class GantryArm:
             self._lose_home("homing")
             with self._stopped_cleanly():
                 self._wire.home(timeout_s=min(timeout_s, self._config.homing_s))
+            require_found(self._wire.report(), self._config.axes, self.name)
             self._to_marks(timeout_s, clear)
             require_marks(self._wire.report(), self._config.axes, self.name)
             with self._lock:
@@ -254,7 +257,7 @@ class GantryArm:
     @property
     def _declared(self) -> list[str]:
         """Letters of the axes that nothing measures."""
-        return [a.letter for a in self._config.axes if a.home == "declared"]
+        return [axis.letter for axis in self._config.axes if axis.declared]
 
     def _home_for_person(self) -> str:
         self.home(timeout_s=self._config.homing_s)
@@ -268,10 +271,8 @@ class GantryArm:
         except BaseException:
             self._wire.session.close()
             raise
-        # A hand may have turned an axis that no switch has found.
-        known = report.homed is True and not self._declared
         with self._lock:
-            self._homed = known
+            self._homed = is_known(report, self._config.axes)
         _LOG.warning("%s: this driver was not tried on hardware yet", self.name)
 
     def _disconnect(self) -> None:

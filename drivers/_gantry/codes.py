@@ -50,7 +50,7 @@ _ERRORS = {
     1: "a letter was expected",
     2: "a number was bad",
     3: "an unknown $ command",
-    5: "homing is switched off ($22)",
+    5: "homing is switched off ($22), or that of one axis (its bit 1)",
     7: "its settings could not be read; it runs on defaults",
     8: "it is not idle",
     9: "it is locked, or jogs",

@@ -42,7 +42,9 @@ class GantryAxis(FileModel):
         speed: fastest, per second; a ceiling.
         acceleration: per second squared, for deadlines.
         home: ``switch``: the firmware finds it; ``declared``: a person had put it to
-            its mark when the controller was switched on, and nothing measures that.
+            its mark when the controller was switched on, and nothing measures that. An
+            axis that turns must say it: few heads have switches, and a controller may
+            call itself homed without having looked for them.
         declared_at: machine coordinate of the mark; homing ends there.
         tolerance: how far from its target it may stand.
     """
@@ -54,7 +56,7 @@ class GantryAxis(FileModel):
     high: float
     speed: float = Field(gt=0)
     acceleration: float = Field(gt=0)
-    home: Literal["switch", "declared"] = "switch"
+    home: Literal["switch", "declared"] | None = None
     declared_at: float = 0.0
     tolerance: float = Field(default=0.02, gt=0)
 
@@ -116,4 +118,21 @@ class GantryConfig(TransportConfig):
         letters = [axis.letter for axis in self.axes]
         if len(set(letters)) < len(letters):
             raise ValueError("two axes have the same letter")
+        self._require_homes()
         return self
+
+    def _require_homes(self) -> None:
+        model = arm_model(self.model)
+        silent = [
+            f"{axis.letter} ({joint})"
+            for axis, joint, unit in zip(
+                self.axes, model.joint_names, model.joint_units, strict=True
+            )
+            if unit == "rad" and axis.home is None
+        ]
+        if silent:
+            raise ValueError(
+                f'{", ".join(silent)} turns: say home = "declared" where a person puts '
+                'it to its mark before switching on, home = "switch" where the '
+                "controller finds a switch of it"
+            )

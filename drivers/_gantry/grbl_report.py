@@ -6,8 +6,9 @@ import re
 
 from drivers._gantry.wire import Activity, Report
 
-_FIELD = re.compile(r"(MPos|WPos|WCO|H):([^|>]*)")
+_FIELD = re.compile(r"\b(MPos|WPos|WCO|H):([^|>]*)")
 _NUMBERS = re.compile(r"-?\d{1,7}(\.\d{1,6})?(,-?\d{1,7}(\.\d{1,6})?)*", re.ASCII)
+_HOMED = re.compile(r"([01])(?:,(\d{1,5}))?", re.ASCII)
 _ACTIVITIES = {
     "idle": Activity.STANDS,
     "run": Activity.MOVES,
@@ -27,7 +28,9 @@ _ACTIVITIES = {
 
 
 class ReportReader:
-    """Reads reports; remembers the work offset, which comes only now and then.
+    """Reads reports; remembers what comes only now and then.
+
+    That is the work offset, and of grblHAL what it has homed.
 
     Args:
         letters: of the firmware's axes, in its order.
@@ -36,10 +39,17 @@ class ReportReader:
     def __init__(self, letters: str) -> None:
         self._letters = letters
         self._offset: tuple[float, ...] | None = None
+        self._homed: bool | None = None
+        self._found: frozenset[str] | None = None
 
     def forget(self) -> None:
-        """The controller has restarted: the offset comes anew."""
+        """The controller has restarted: all of that comes anew."""
         self._offset = None
+        self.forget_homed()
+
+    def forget_homed(self) -> None:
+        """It is about to home."""
+        self._homed = self._found = None
 
     def read(self, line: str) -> Report | None:
         """The report of a line; None for what is none, or cannot be understood."""
@@ -53,10 +63,21 @@ class ReportReader:
         activity = self._activity(state)
         if machine is None or activity is None:
             return None
-        homed = fields["H"].startswith("1") if fields.get("H") else None
-        return Report(
-            activity, dict(zip(self._letters, machine, strict=True)), homed, state
-        )
+        self._hear_homed(fields.get("H", ""))
+        places = dict(zip(self._letters, machine, strict=True))
+        return Report(activity, places, self._homed, state, self._found)
+
+    def _hear_homed(self, text: str) -> None:
+        """``1`` or ``0``, and from some a number with one bit for every axis."""
+        said = _HOMED.fullmatch(text)
+        if said is None:
+            return
+        self._homed, self._found = said[1] == "1", None
+        if said[2] is not None:
+            bits = int(said[2])
+            self._found = frozenset(
+                letter for k, letter in enumerate(self._letters) if bits >> k & 1
+            )
 
     def _machine(self, fields: dict[str, str]) -> tuple[float, ...] | None:
         if "MPos" in fields:

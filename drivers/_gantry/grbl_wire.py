@@ -20,6 +20,7 @@ from drivers._gantry.grbl_identity import (
     refuse_inches,
 )
 from drivers._gantry.grbl_report import ReportReader
+from drivers._gantry.homing import beside_slides
 from drivers._gantry.wire import Activity, Identity, Report
 from mvp.devices import LineFramer, Session, Take, text
 from mvp.errors import (
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from mvp.devices import Ask, DeviceContext
 
 _LOG = logging.getLogger(__name__)
-_HOLD, _HAL_HOLD, _RESET, _QUERY = b"!", b"\x82", b"\x18", b"?"
+_HOLD, _HAL_HOLD, _RESET, _QUERY, _HAL_FULL = b"!", b"\x82", b"\x18", b"?", b"\x87"
 _BANNER_S = 5.0
 _GREETING_S = 2.0
 _BRAKING_S = 5.0
@@ -108,6 +109,7 @@ class GrblWire:
         self.session.open()
         try:
             self._greet()
+            self._let_go()
             lines = self.session.request_until(
                 b"$I\n",
                 listing("[VER", self._name),
@@ -125,12 +127,33 @@ class GrblWire:
             ) from error
         finally:
             self._expects_banner = False
+        self._ask_homed()
         self.report()
         return Identity(self._config.firmware, found.version, found.user_text)
 
     def _greet(self) -> None:
         """Boards that restart when the port opens say so; others answer at once."""
         self._came.next_sign(lambda: self.session.send(_QUERY), _GREETING_S)
+
+    def _let_go(self) -> None:
+        """Give up a motion that was held when an earlier connection ended.
+
+        A controller in a feed hold answers no line, not even who it is. It stands: a
+        reset moves nothing and keeps the position, and nobody can resume that motion.
+        """
+        last = self._came.last
+        if last is None or not last.state.startswith("Hold"):
+            return
+        if not self._stands() or not self._reset():
+            raise ConnectError(
+                f"the controller is in a feed hold ({last.state}) and does not leave it",
+                device=self._name,
+                hint="release the hold button if it has one, or switch it off and on",
+            )
+        _LOG.warning(
+            "%s: it was held in a motion, whose rest is given up; nothing moved",
+            self._name,
+        )
 
     def _check_settings(self) -> None:
         accept, limit_s = listing("$", self._name), self._config.answer_s
@@ -160,14 +183,26 @@ class GrblWire:
         )
 
     def home(self, *, timeout_s: float) -> None:
-        """``$H``: long silence, then ``ok``.
+        """``$H``: long silence, then ``ok``; it may mean X, Y and Z only.
+
+        Axes beside these are homed one by one: the answer then speaks of that axis.
 
         Raises:
             DeviceFault: an alarm stands, or a switch was not found.
             MotionStopped: ``halt`` was called; the position is lost.
         """
         self._begin()
-        self._motion("homing", "$H", timeout_s)
+        end_s = self._clock.now_s() + timeout_s
+        self._reader.forget_homed()
+        for letter in ("", *beside_slides(self._config.axes)):
+            left_s = max(end_s - self._clock.now_s(), 0.0)
+            self._motion("homing", f"$H{letter}", left_s)
+        self._ask_homed()
+
+    def _ask_homed(self) -> None:
+        """GrblHAL says in its full report which axes it has homed, else when it changes."""
+        if self._config.firmware == "grblhal":
+            self.session.send(_HAL_FULL)
 
     def move(self, words: str, *, feed_min: float, timeout_s: float) -> None:
         """One straight move in machine coordinates.
@@ -348,11 +383,11 @@ class GrblWire:
 
     def _reset(self) -> bool:
         """Byte 18, and wait for the banner."""
-        self._expects_banner = True
+        before, self._expects_banner = self._expects_banner, True
         try:
             return self._came.next_banner(lambda: self.session.send(_RESET), _BANNER_S)
         finally:
-            self._expects_banner = False
+            self._expects_banner = before
 
     def _quiet_state(self) -> str:
         try:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from drivers._gantry.wire import Report
     from mvp.devices.protocols import ClearWay
 
+_SLIDES = "XYZ"  # what ``$H`` of every firmware homes
 _BY_HAND = (
     "switch the controller off, turn them to their marks by hand and switch it on "
     "again, so that it counts from there"
@@ -43,6 +44,45 @@ def homing_of(axes: Sequence[GantryAxis], report: Report) -> Homing:
             "clear."
         )
     return Homing(words, away)
+
+
+def beside_slides(axes: Sequence[GantryAxis]) -> list[str]:
+    """Letters of the axes with a switch that a controller may leave out of homing."""
+    return [a.letter for a in axes if not a.declared and a.letter not in _SLIDES]
+
+
+def is_known(report: Report, axes: Sequence[GantryAxis]) -> bool:
+    """Whether the firmware itself knows every axis, and says so.
+
+    Never of an axis that nothing measures: a hand may have turned it. And not of a head
+    when it does not say which axes it means.
+    """
+    if report.homed is not True or any(axis.declared for axis in axes):
+        return False
+    if report.found is None:
+        return not beside_slides(axes)
+    return report.found >= {axis.letter for axis in axes}
+
+
+def require_found(report: Report, axes: Sequence[GantryAxis], name: str) -> None:
+    """After homing no axis with a switch is missing from what the firmware has homed.
+
+    Raises:
+        DeviceFault: one is, or it says that it is not homed.
+    """
+    switched = [axis.letter for axis in axes if not axis.declared]
+    if report.found is not None:
+        switched = [letter for letter in switched if letter not in report.found]
+    elif report.homed is not False:
+        return
+    if switched:
+        raise DeviceFault(
+            f"the controller has homed, but not {', '.join(switched)}",
+            device=name,
+            code="home",
+            hint="give that axis a place in its homing sequence, or write "
+            'home = "declared" where it has no switch',
+        )
 
 
 def homing_step(look: Callable[[], Homing], act: Callable[[], str]) -> RecoveryStep:

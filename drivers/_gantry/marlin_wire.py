@@ -181,7 +181,7 @@ class MarlinWire:
             MotionStopped: ``halt`` was called.
         """
         self._refuse_when_halted()
-        letters = [a.letter for a in self._config.axes if a.home == "switch"]
+        letters = [a.letter for a in self._config.axes if not a.declared]
         self._motion("homing", "G28 " + " ".join(letters), timeout_s)
         self._motion("homing", "M400", timeout_s)
 

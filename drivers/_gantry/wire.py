@@ -29,6 +29,7 @@ class Report:
     Attributes:
         machine: coordinate by axis letter, mm or deg.
         homed: what the firmware itself says of it; None when it says nothing.
+        found: letters of the axes that it says it has homed; None as above.
         state: the firmware's own word.
     """
 
@@ -36,6 +37,7 @@ class Report:
     machine: Mapping[str, float]
     homed: bool | None
     state: str
+    found: frozenset[str] | None = None
 
 
 @dataclass(frozen=True)

@@ -346,15 +346,16 @@ class GrblMachine:
 
     def _home(self, letters: str) -> None:
         axes = self.axes.settings
-        wanted = [k for k, a in enumerate(axes) if not letters or a.letter in letters]
+        wanted = [k for k, a in enumerate(axes) if a.letter in letters]
+        enabled = int(self.settings["22"])
         if letters and not (self.profile.homes_axes and wanted):
             self._speaker.error(_UNKNOWN)
-        elif self.settings["22"] != "1":
+        elif not enabled & 1 or (letters and not self.motion.homes_alone):
             self._speaker.error(_NO_HOMING)
         elif self.motion.alarm and self.motion.critical:
             self._speaker.error(_CRITICAL)
         else:
-            self.motion.home(wanted)
+            self.motion.home(wanted or self.motion.cycle)
 
     # ------------------------------------------------------------ reports
 
@@ -364,7 +365,7 @@ class GrblMachine:
             mask=int(self.settings["10"]),
             inches=self.settings["13"] == "1",
             rx_free=self._receiver.free,
-            homed=self.motion.fully_homed,
+            homed=self.motion.homed_text,
             shown=self.axes.pressed(),
         )
 

@@ -131,10 +131,28 @@ class MotionControl:
         return self.axes.held and not self._brakes_to_end
 
     @property
-    def fully_homed(self) -> bool:
-        """Whether every switch was found."""
-        switched = {k for k, axis in enumerate(self.axes.settings) if axis.switch}
-        return switched <= self.homed
+    def cycle(self) -> list[int]:
+        """Axes with a switch that ``$H`` homes."""
+        head = self._profile.homes_head
+        return [
+            k
+            for k, axis in enumerate(self.axes.settings)
+            if axis.switch and (head or axis.letter in "XYZ")
+        ]
+
+    @property
+    def homes_alone(self) -> bool:
+        """Whether one axis may be homed by its letter."""
+        return not self._profile.shows_homed or bool(int(self._settings["22"]) & 2)
+
+    @property
+    def homed_text(self) -> str:
+        """The field ``H:``: whether every switch of ``$H`` was found, and which were."""
+        if not self._profile.shows_homed:
+            return ""
+        said = str(int(set(self.cycle) <= self.homed))
+        bits = sum(1 << k for k in self.homed)
+        return f"{said},{bits}" if self.homes_alone else said
 
     # ------------------------------------------------------------ at once
 
@@ -218,15 +236,10 @@ class MotionControl:
         self.waiting = over
 
     def home(self, wanted: list[int]) -> None:
-        """Find the switches of these axes, Z first; one without is where it is."""
+        """Find the switches of these axes, Z first; one without is never found."""
         axes = self.axes.settings
-        for k in wanted:
-            if axes[k].switch is None and len(wanted) < len(axes):
-                self.axes.offset[k] += self.axes.counter[k]
-                self.axes.counter[k] = 0.0
-        found = [k for k in wanted if axes[k].switch]
-        high = tuple(k for k in found if axes[k].letter == "Z")
-        flat = tuple(k for k in found if axes[k].letter != "Z")
+        high = tuple(k for k in wanted if axes[k].letter == "Z")
+        flat = tuple(k for k in wanted if axes[k].letter != "Z")
         scale = self.axes.scale
         self.alarm = 0
         self.homing = HomingCycle(

@@ -27,7 +27,8 @@ class Profile:
         dead_after_alarm: answers nothing after a limit alarm until a reset.
         shows_homed: status has ``H:``.
         answers_every_query: instead of once for many.
-        homes_axes: ``$HX`` and the like.
+        homes_axes: ``$HX`` and the like; grblHAL needs bit 1 of ``$22`` for it.
+        homes_head: ``$H`` homes the axes beside X, Y and Z as well.
         enforces_unhomed: soft limits act before homing.
         binary_commands: real-time bytes above 7F stand in for ``? ~ !``.
         bytes_per_line: that arrive at 115200 Bd while it parses one line; 0 for none.
@@ -46,6 +47,7 @@ class Profile:
     answers_every_query: bool
     homes_axes: bool
     enforces_unhomed: bool
+    homes_head: bool = False
     binary_commands: bool = False
     bytes_per_line: int = 0
     unlock_hint: str = "[MSG:'$H'|'$X' to unlock]"
@@ -98,6 +100,7 @@ PROFILES: dict[str, Profile] = {
         answers_every_query=True,
         homes_axes=True,
         enforces_unhomed=True,
+        homes_head=True,
     ),
 }
 

@@ -65,7 +65,7 @@ class StatusWriter:
         mask: int,
         inches: bool,
         rx_free: int,
-        homed: bool,
+        homed: str,
         shown: tuple[int, ...],
     ) -> str:
         """One report.
@@ -75,7 +75,7 @@ class StatusWriter:
             mask: setting ``$10``.
             inches: setting ``$13``.
             rx_free: free bytes of the receive buffer.
-            homed: for firmwares that say it.
+            homed: for firmwares that say it; empty for the others.
             shown: axes whose switch is covered.
         """
         axes, profile = self._axes, self._profile
@@ -90,8 +90,8 @@ class StatusWriter:
             letters = "".join(axes.settings[k].letter for k in shown)
             fields.append(f"Pn:{letters}")
         fields += self._now_and_then(busy=axes.busy)
-        if profile.shows_homed:
-            fields.append(f"H:{int(homed)}")
+        if homed:
+            fields.append(f"H:{homed}")
         return f"<{'|'.join(fields)}>"
 
     def _now_and_then(self, *, busy: bool) -> list[str]:

@@ -201,7 +201,14 @@ def test_drivers_say_what_they_drive(tmp_path: Path) -> None:
         UrArm.Config(host="192.0.2.7", payload_kg=1), DeviceContext(), name="arm"
     )
     axes = [
-        {"letter": x, "low": -1, "high": 1, "speed": 1, "acceleration": 1}
+        {
+            "letter": x,
+            "low": -1,
+            "high": 1,
+            "speed": 1,
+            "acceleration": 1,
+            "home": "declared",
+        }
         for x in "XYZAB"
     ]
     config = GantryArm.Config.model_validate(

@@ -10,7 +10,15 @@ from mvp.devices import DeviceContext, RealClock, Role, ScaledClock, load_driver
 from mvp.errors import ConfigError
 
 AXES = [
-    {"letter": x, "low": -1, "high": 1, "speed": 1, "acceleration": 1} for x in "XYZAB"
+    {
+        "letter": x,
+        "low": -1,
+        "high": 1,
+        "speed": 1,
+        "acceleration": 1,
+        "home": "declared",
+    }
+    for x in "XYZAB"
 ]
 DRIVERS: dict[str, tuple[Role, dict[str, Any]]] = {
     "ur": ("arm", {"host": "192.0.2.7", "payload_kg": 1}),

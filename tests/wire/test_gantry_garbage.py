@@ -23,7 +23,14 @@ from mvp.errors import MvpCellError
 from tests.fuzzing import Mutants, fuzz
 
 AXES = [
-    {"letter": x, "low": -100, "high": 0, "speed": 10, "acceleration": 10}
+    {
+        "letter": x,
+        "low": -100,
+        "high": 0,
+        "speed": 10,
+        "acceleration": 10,
+        "home": "declared" if x in "AB" else "switch",
+    }
     for x in "XYZAB"
 ]
 CONFIG = GantryConfig.model_validate(

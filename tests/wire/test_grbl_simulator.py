@@ -313,11 +313,16 @@ class TestGrblHal:
         assert board.say(b"G1 X50 F100\n") == b"ok\r\n"
 
     def test_one_axis_is_homed_by_its_letter(self) -> None:
-        board = Bench("grblhal", homing_seek_min=30_000)
+        keys = {"homing_seek_min": 30_000, "settings": {"22": "3"}}
+        board = Bench("grblhal", **keys)
         board.say(b"$HZ\n")
         assert board.wait(60).endswith(b"ok\r\n")
         assert board.machine.motion.homed == {2}
-        assert b"|H:0" in board.say(b"?")
+        assert b"|H:0,4>" in board.say(b"?")
+
+    def test_one_axis_is_homed_only_where_that_is_allowed(self) -> None:
+        board = Bench("grblhal", settings={"22": "1"})
+        assert board.say(b"$HZ\n") == b"error:5\r\n"
 
     def test_it_reports_now_and_then_while_it_homes(self) -> None:
         board = Bench("grblhal")
