@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,10 +19,9 @@ if TYPE_CHECKING:
 
     from calibration.lens_table.hysteresis import Hysteresis, Side
     from calibration.lens_table.nodes import LensNode, Measured
+    from mvp.calibrated import TemperatureSource
     from mvp.geometry import FloatArray
     from mvp.optics import AxisName
-
-TemperatureSource: TypeAlias = Literal["device", "operator", "unknown"]
 
 _AXES: tuple[AxisName, ...] = ("zoom", "focus", "iris")
 

@@ -12,6 +12,7 @@ from calibration.wizard.comparison import (
     compare_lens_tables,
     compare_rigid,
 )
+from calibration.wizard.provenance import temperature_of
 from mvp.calibrated import CameraCalibration, LensTableCalibration, RigidCalibration
 
 if TYPE_CHECKING:
@@ -23,6 +24,11 @@ if TYPE_CHECKING:
     from mvp.wizard import SessionFacts
 
 _WHITE = 255
+_KNOWN_BY = {
+    "cell-file": "as the cell file says",
+    "device": "as a device measured",
+    "operator": "as the operator said",
+}
 
 
 def about_session(
@@ -48,7 +54,7 @@ def about_session(
     return About(
         _subject(facts),
         facts.simulated,
-        _facts(facts, samples),
+        _facts(store),
         tuple(_photo(store, sample) for sample in samples if sample.usable),
         tuple(LeftOut(s.name, s.reason, s.action) for s in samples if not s.usable),
         _compared(facts, document, distance_mm, point_part_mm),
@@ -66,9 +72,8 @@ def _subject(facts: SessionFacts) -> str:
     return f"{role} {serial} of cell {facts.cell}" if serial else f"cell {facts.cell}"
 
 
-def _facts(
-    facts: SessionFacts, samples: Sequence[Sample]
-) -> tuple[tuple[str, str], ...]:
+def _facts(store: SessionStore) -> tuple[tuple[str, str], ...]:
+    facts, samples = store.facts, store.samples
     used = sum(sample.usable for sample in samples)
     rows = [
         ("date", facts.date),
@@ -76,9 +81,7 @@ def _facts(
         ("arm", facts.arm_model),
     ]
     rows += [(f"serial of the {role}", text) for role, text in facts.serials.items()]
-    temperature = facts.temperature_c
-    known = "not known" if temperature is None else f"{temperature:.1f} deg C"
-    rows.append(("temperature", known))
+    rows.append(("temperature", _warmth(store)))
     target = facts.target
     if target is not None:
         rows.append(
@@ -95,6 +98,13 @@ def _facts(
     elif steps:
         rows.append(("lens settings", f"{len(steps)} different ones"))
     return tuple(rows)
+
+
+def _warmth(store: SessionStore) -> str:
+    warmth, source = temperature_of(store)
+    if warmth is None:
+        return "not known"
+    return f"{warmth:.1f} deg C ({_KNOWN_BY.get(source, source)})"
 
 
 def _photo(store: SessionStore, sample: Sample) -> Photo:

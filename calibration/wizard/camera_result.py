@@ -60,7 +60,7 @@ def outcome_of(store: SessionStore) -> Outcome:
         sensor=facts.sensor,
         provenance=_provenance(store, len(samples)),
         error_95_mm=_NORMAL_95 * float(work.refitted_mm.max()) if work else None,
-        validity=validity_of(facts),
+        validity=validity_of(store),
     )
     compared = compare_cameras(facts.camera, document, distance_mm=distance)
     return Outcome(
@@ -83,9 +83,10 @@ def _held_out(store: SessionStore, found: CameraEstimate) -> Verification:
     if not samples:
         return Verification(_WHAT, ())
     seen = store.observations(samples)
+    shape = found.shape and found.shape.shape
     views = []
     for number, name in enumerate(seen.names):
-        errors = held_out_errors_px(found.camera, seen.of_views([number]))
+        errors = held_out_errors_px(found.camera, seen.of_views([number]), shape)
         rms = float(np.sqrt((errors**2).sum(axis=1).mean()))
         views.append(HeldOutView(name, rms, np.sqrt(2) * found.sigma_px, "px"))
     return Verification(_WHAT, tuple(views))
@@ -160,4 +161,6 @@ def _lines(
             f"{document.quality.error_95_mm:.3f} mm in the worst corner of the picture "
             "(95 %)"
         )
+    if found.shape is not None and found.shape.words:
+        lines.append(found.shape.words)
     return [*lines, held.words, f"against the calibration before: {compared.words}"]

@@ -169,7 +169,7 @@ def _told(
         stand_off_mm=stand_off,
         reference_d_mm=lens.d_mm,
         reference_f_mm=lens.f_mm,
-        validity=validity_of(facts),
+        validity=validity_of(store),
     )
     error = solution.error_mm(stand_off)
     place, turn = solution.robot_sigmas[0], np.degrees(solution.robot_sigmas[1])

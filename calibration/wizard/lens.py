@@ -18,13 +18,13 @@ from calibration.wizard.lens_page import page_of
 from calibration.wizard.lens_plan import Grid, between, node_at, plan_nodes
 from calibration.wizard.lens_result import (
     KEY,
-    TEMPERATURE,
     VERIFICATION,
     outcome_of,
 )
 from calibration.wizard.lens_travel import travelled
 from calibration.wizard.lookout import Lookout, camera_at, target_of
 from calibration.wizard.next_pose import NoView, ViewRange, candidate_views, first_of
+from calibration.wizard.provenance import TEMPERATURE
 from calibration.wizard.session_store import Sample, SessionStore
 from mvp.errors import CalibrationError
 from mvp.wizard import Ask, Outcome, Refusal, Say, Word

@@ -29,7 +29,7 @@ from calibration.verdict import Verdict
 from calibration.wizard.lens_motors import IRIS, hysteresis_of, plan_sides
 from calibration.wizard.lens_node_result import NodeResult, blur_of, node_of, plan_of
 from calibration.wizard.lens_nodes import samples_of
-from calibration.wizard.provenance import provenance_of
+from calibration.wizard.provenance import provenance_of, temperature_of
 from calibration.wizard.verification import HeldOutView, Verification
 from mvp.calibrated import AxisTable, LensTableCalibration, Quality, VerdictCause
 from mvp.errors import CalibrationError
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from calibration.wizard.session_store import Sample, SessionStore
 
 KEY = "lens"
-TEMPERATURE = "temperature_c"
 VERIFICATION = "verification"
 _WHAT = "the principal distance at settings between the nodes"
 _AIRY_SIGMA = 1.0290 / (2 * np.sqrt(2 * np.log(2)))
@@ -80,7 +79,7 @@ def outcome_of(store: SessionStore) -> Outcome:
             "iris": model.iris_a_mm.approach,
         },
         hysteresis=hysteresis_of(store, plan_sides(facts, plan_of(store))),
-        conditions=_conditions(store),
+        conditions=Conditions(*temperature_of(store)),
     )
     tables = build_tables(data)
     if tables.table is None:
@@ -152,15 +151,6 @@ def _like(nodes: Sequence[NodeResult], sample: Sample, f_px: float) -> PinholeCa
     camera = near.camera
     ratio = camera.fy_px / camera.fx_px
     return replace(camera, fx_px=f_px, fy_px=f_px * ratio)
-
-
-def _conditions(store: SessionStore) -> Conditions:
-    if store.facts.temperature_c is not None:
-        return Conditions(store.facts.temperature_c, "device")
-    told = store.recall(TEMPERATURE)
-    if isinstance(told, float):
-        return Conditions(told, "operator")
-    return Conditions()
 
 
 # ------------------------------------------------------------------- held-out views

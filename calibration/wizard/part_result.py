@@ -388,5 +388,5 @@ def _file(store: SessionStore, found: Found, quality: Quality) -> RigidCalibrati
         covariance=located.covariance.tolist(),
         by_hand_eye=located.by_hand_eye.tolist(),
         hand_eye_sha256=content_sha256(facts.hand_eye),
-        validity=validity_of(facts),
+        validity=validity_of(store),
     )

@@ -12,11 +12,13 @@ from mvp.calibrated.models import (
     Provenance,
     Quality,
     RigidCalibration,
+    TemperatureSource,
     Validity,
     VerdictCause,
     ViewResidual,
 )
 from mvp.calibrated.target_print import TargetKind, TargetPrint
+from mvp.calibrated.zoom_table import ZoomTable
 
 __all__ = [
     "AchievableSet",
@@ -32,7 +34,9 @@ __all__ = [
     "RigidCalibration",
     "TargetKind",
     "TargetPrint",
+    "TemperatureSource",
     "Validity",
     "VerdictCause",
     "ViewResidual",
+    "ZoomTable",
 ]

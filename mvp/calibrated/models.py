@@ -5,11 +5,14 @@ The planner and the run read these; only ``calibration`` fits them. Files are JS
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
+from mvp.calibrated.zoom_table import ZoomTable
 from mvp.fileedge import FileModel
+
+TemperatureSource: TypeAlias = Literal["device", "cell-file", "operator", "unknown"]
 
 
 class Provenance(FileModel):
@@ -18,7 +21,7 @@ class Provenance(FileModel):
     ``origin``: measured on the device, or taken from its data sheet. ``serial_numbers``:
     of every device that took part, by its role in the cell. ``built_on``: hashes of the
     calibrations that it was computed with, by name (``inputs_sha256``); empty: it does
-    not say.
+    not say. ``temperature_source``: who knew ``temperature_c``; None: it does not say.
     """
 
     date: str
@@ -27,6 +30,7 @@ class Provenance(FileModel):
     simulated: bool = False
     input_sha256: str = ""
     temperature_c: float | None = None
+    temperature_source: TemperatureSource | None = None
     origin: Literal["measured", "nominal"] = "measured"
     serial_numbers: dict[str, str] = Field(default_factory=dict)
     built_on: dict[str, str] = Field(default_factory=dict)
@@ -135,12 +139,13 @@ class CameraCalibration(FileModel):
 class AxisTable(FileModel):
     """One motor axis: steps against a physical value, both strictly monotonic.
 
+    Two or more; a zoom may have one, of a lens without zoom or measured at that alone.
     ``approach`` is the side from which every node was reached; ``backlash_steps`` the
     measured width; ``repeatability_steps`` one standard deviation.
     """
 
-    steps: list[int] = Field(min_length=2)
-    values_mm: list[float] = Field(min_length=2)
+    steps: list[int] = Field(min_length=1)
+    values_mm: list[float] = Field(min_length=1)
     approach: Literal["from_below", "from_above"] = "from_below"
     backlash_steps: int = Field(default=0, ge=0)
     repeatability_steps: float = Field(default=0.0, ge=0)
@@ -185,7 +190,7 @@ class AchievableSet(FileModel):
     zooms: list[AchievableZoom] = Field(min_length=1)
     a_low_mm: float = Field(gt=0)
     a_high_mm: float = Field(gt=0)
-    f_per_step_mm: float = Field(gt=0)
+    f_per_step_mm: float = Field(ge=0)
     x_per_step_mm: float = Field(gt=0)
     a_per_step_mm: float = Field(gt=0)
 
@@ -193,7 +198,7 @@ class AchievableSet(FileModel):
 class LensValidity(Validity):
     """Where a lens table holds. No temperatures: it was not known."""
 
-    temperature_source: Literal["device", "operator", "unknown"] = "unknown"
+    temperature_source: TemperatureSource = "unknown"
     zoom_steps: tuple[int, int]
     focus_steps: tuple[int, int]
     iris_steps: tuple[int, int]
@@ -203,8 +208,9 @@ class LensTableCalibration(FileModel):
     """Motor steps to f, d, a and the pupil offset e.
 
     f depends on zoom alone, a on iris alone. The focus axis gives the extension
-    x = d - f (mm); for a parfocal zoom x is the same at every zoom. The planner reads
-    these three tables; ``nodes`` keeps what was measured at each zoom and focus.
+    x = d - f (mm); for a parfocal zoom x is the same at every zoom. ``by_zoom``: what
+    else the zoom changes; without it nothing. The planner reads these tables; ``nodes``
+    keeps what was measured at each zoom and focus.
     """
 
     schema_: Literal["mvp-cell/lens-table/1"] = Field(alias="schema")
@@ -219,6 +225,7 @@ class LensTableCalibration(FileModel):
     a_standard_deviation_mm: float = Field(default=0.0, ge=0)
     covariance: NamedCovariance | None = None
     pupil_offset_standard_deviation_mm: float = Field(default=0.0, ge=0)
+    by_zoom: ZoomTable | None = None
     nodes: list[LensNodeResult] = Field(default_factory=list)
     achievable: AchievableSet | None = None
     validity: LensValidity | None = None

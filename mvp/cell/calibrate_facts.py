@@ -5,7 +5,8 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-from mvp.devices import Approaching, Thermometer
+from mvp.cell.calibrated_devices import temperature_of
+from mvp.devices import Approaching
 from mvp.wizard import SessionFacts, TargetFacts
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from mvp.devices import Axis, DeviceInfo
 
 _PRINT_SIGMA = 0.002  # office printers are off by about so much
+_MAKES_TABLE = "lens"  # what measures the table may do so from the lens's own side
 
 
 def facts_of(
@@ -31,6 +33,8 @@ def facts_of(
 ) -> SessionFacts:
     """Everything that a session has to know, from the cell and who answered."""
     config, found = cell.config, cell.calibrations
+    table = found.lens_table
+    temperature = temperature_of(cell, devices, infos)
     return SessionFacts(
         key=key,
         cell=config.name,
@@ -40,7 +44,7 @@ def facts_of(
         serials={role: info.serial for role, info in infos.items()},
         arm_model=config.kinematics.model,
         camera=found.camera,
-        lens_table=_arriving(found.lens_table, devices),
+        lens_table=_arriving(table, devices) if key == _MAKES_TABLE else table,
         hand_eye=found.hand_eye,
         part_pose=found.part_pose,
         robot={
@@ -53,7 +57,8 @@ def facts_of(
         tube_mm=config.optics.mounted_tube_mm,
         workspace_low_mm=config.workspace.low_mm,
         workspace_high_mm=config.workspace.high_mm,
-        temperature_c=_temperature_c(cell, devices),
+        temperature_c=temperature.value_c,
+        temperature_source=temperature.source,
         accepted_calibration=accepted,
     )
 
@@ -87,12 +92,3 @@ def _arriving(
         for axis, name in _TABLES.items()
     }
     return table.model_copy(update=changed)
-
-
-def _temperature_c(cell: LoadedCell, devices: CellDevices) -> float | None:
-    """What the lens measures, else what the cell file says."""
-    if isinstance(devices.lens, Thermometer):
-        measured = devices.lens.temperature_c()
-        if measured is not None:
-            return measured
-    return cell.config.conditions.temperature_c

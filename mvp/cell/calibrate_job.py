@@ -6,7 +6,7 @@ import logging
 import shlex
 import shutil
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from mvp.cell.beside import call_beside
@@ -18,7 +18,8 @@ from mvp.cell.calibrate_folders import (
     unfinished_session,
 )
 from mvp.cell.calibrate_result import check_key, keep_result, with_page
-from mvp.cell.calibration_gates import of_serials, require_accepted
+from mvp.cell.calibrated_devices import device_objections
+from mvp.cell.calibration_gates import of_views, require_accepted
 from mvp.cell.durable import check_writable
 from mvp.cell.hardware import check_simulated, opened
 from mvp.cell.homing import HOMING_S, home_arm, homing_of
@@ -34,13 +35,16 @@ from mvp.errors import MvpCellError, RecordError, StoppedByOperator, UsageError
 from mvp.wizard import Outcome, Say, Store, Wizard, WizardOptions, load_wizard
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from mvp.cell.calibrate_document import CalibrateDocument
+    from mvp.cell.calibration_gates import Objection
+    from mvp.cell.engine import CellDevices
     from mvp.cell.loading import LoadedCell
     from mvp.cell.plan_job import Setting
     from mvp.devices import DeviceInfo
+    from mvp.planning.plan import PlannedView
     from mvp.wizard import Answer, SessionFacts, Step
 
 _LOG = logging.getLogger(__name__)
@@ -156,8 +160,9 @@ def _taken(
         tell("connecting to arm, lens and camera")
         infos = stack.enter_context(opened(devices))
         check_simulated(setting.cell, infos)
-        check_reliance(setting.cell, infos, key, request.accept)
-        _warn_of_stale(setting.cell, key, front)
+        cell = setting.cell
+        for one in check_reliance(cell, devices, infos, key, request.accept):
+            front.answer(Say(f"{one.text}; {one.fix}", "warning"))
         fresh = facts_of(
             setting.cell,
             devices,
@@ -237,7 +242,8 @@ def _store(
     store = wizard.sessions.open(path, repair=True)
     check_key(store, fresh.key)
     then, now = store.facts.model_dump(), fresh.model_dump()
-    free = {"date", "temperature_c", "seed", "accepted_calibration"}
+    free = {"date", "temperature_c", "temperature_source", "seed"}
+    free |= {"accepted_calibration"}
     changed = sorted(k for k in then if k not in free and then[k] != now[k])
     if changed:
         raise RecordError(
@@ -250,29 +256,39 @@ def _store(
 
 
 def check_reliance(
-    cell: LoadedCell, infos: dict[str, DeviceInfo], key: str, accept: str
-) -> None:
-    """Refuse to build on a calibration that is poor, or of another device.
+    cell: LoadedCell,
+    devices: CellDevices,
+    infos: Mapping[str, DeviceInfo],
+    key: str,
+    accept: str,
+    views: Sequence[PlannedView] = (),
+) -> list[Objection]:
+    """Refuse to build on a calibration that does not hold here and now.
 
-    One that is stale is told beforehand: its turn may be yet to come.
+    One that is poor, of another device, from the other side of approach, out of its
+    temperature, or for other lens steps than the views need. One that is stale is only
+    told: its turn may be yet to come. Nothing moves.
+
+    Returns:
+        What a person should be told before it goes on.
 
     Raises:
-        CalibrationError: it is, must be measured first, and nobody accepts it.
+        CalibrationError: it must be measured first, and nobody accepts it.
     """
     found, needed = cell.calibrations, _RELIES_ON.get(key, ())
-    serials = {role: info.serial for role, info in infos.items()}
-    objections = [*found.objections, *of_serials(found, serials)]
-    poor = [one for one in objections if one.name in needed and not one.stale]
-    require_accepted(poor, accept)
+    answered = device_objections(cell, devices, infos)
+    objections = [*found.objections, *answered, *of_views(found, views)]
+    mine = [one for one in objections if one.name in needed]
+    require_accepted([one for one in mine if not one.stale], accept)
+    stale = [_becoming_stale(one) for one in mine if one.stale]
+    doubtful = [one for one in answered if one in mine and not one.refused]
+    return [*stale, *doubtful]
 
 
-def _warn_of_stale(cell: LoadedCell, key: str, front: FrontEnd) -> None:
-    """What the wizard builds on was made with others than are in place now."""
-    needed = _RELIES_ON.get(key, ())
-    for one in cell.calibrations.objections:
-        if one.stale and one.name in needed:
-            text = f"{one.text}; what is built on it will be, too; first, {one.fix}"
-            front.answer(Say(text, "warning"))
+def _becoming_stale(objection: Objection) -> Objection:
+    """What is built on a stale calibration is stale as soon as that is made anew."""
+    text = f"{objection.text}; what is built on it will be, too"
+    return replace(objection, text=text, fix=f"first, {objection.fix}")
 
 
 def allow_and_home(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from mvp.cell.calibration_gates import (
     of_approach,
@@ -18,7 +18,7 @@ from mvp.errors import DeviceFault
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from mvp.calibrated import CameraCalibration
+    from mvp.calibrated import CameraCalibration, TemperatureSource
     from mvp.cell.calibration_gates import Objection
     from mvp.cell.engine import CellDevices
     from mvp.cell.loading import LoadedCell
@@ -45,23 +45,30 @@ def device_objections(
     return [
         *of_serials(found, serials),
         *of_approach(found, approach),
-        *of_temperature(found, temperature_c(cell, devices, infos)),
+        *of_temperature(found, temperature_of(cell, devices, infos).value_c),
     ]
 
 
-def temperature_c(
+class Temperature(NamedTuple):
+    """How warm it is; ``value_c`` None: nobody knows."""
+
+    value_c: float | None
+    source: TemperatureSource
+
+
+def temperature_of(
     cell: LoadedCell, devices: CellDevices, infos: Mapping[str, DeviceInfo]
-) -> float | None:
+) -> Temperature:
     """As the cell file states it, else as a device tells, the lens first."""
     stated = cell.config.conditions.temperature_c
     if stated is not None:
-        return stated
+        return Temperature(stated, "cell-file")
     for role, device in (("lens", devices.lens), ("camera", devices.camera)):
         if role in infos and isinstance(device, Thermometer):
             told = device.temperature_c()
             if told is not None:
-                return told
-    return None
+                return Temperature(told, "device")
+    return Temperature(None, "unknown")
 
 
 def accepted_on_devices(

@@ -32,7 +32,7 @@ from mvp.cell.session import devices_for, start_speed
 from mvp.cell.standstill import stopped_on_error
 from mvp.errors import PluginError, VerificationFailed
 from mvp.geometry import Pose
-from mvp.wizard import WizardOptions, load_wizard
+from mvp.wizard import Say, WizardOptions, load_wizard
 
 if TYPE_CHECKING:
     from mvp.cell.calibrate_job import FrontEnd
@@ -94,7 +94,9 @@ def locate_part(
         tell("connecting to arm, lens and camera")
         infos = stack.enter_context(opened(devices))
         check_simulated(cell, infos)
-        check_reliance(cell, infos, KEY, cell.accept_calibration)
+        views, reason = planned.plan.views, cell.accept_calibration
+        for one in check_reliance(cell, devices, infos, KEY, reason, views):
+            front.answer(Say(f"{one.text}; {one.fix}", "warning"))
         facts = facts_of(cell, devices, infos, key=KEY, seed=seed)
         store = wizard.sessions.create(folder.locating, facts)
         speed = start_speed(setting, devices, infos)

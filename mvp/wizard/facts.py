@@ -12,6 +12,7 @@ from mvp.calibrated import (
     LensTableCalibration,
     RigidCalibration,
     TargetPrint,
+    TemperatureSource,
 )
 from mvp.fileedge import FileModel
 from mvp.geometry import Pose
@@ -63,8 +64,9 @@ class SessionFacts(FileModel):
 
     ``serials``: of every device that answered, by role. ``working_mm``: distance at
     which errors are stated; None: where the lens is in focus. ``temperature_c``: None:
-    not known. ``date``: UTC, when the session began. ``accepted_calibration``: why a
-    person took the responsibility for poor calibrations that this one builds on.
+    not known; ``temperature_source``: who knew it. ``date``: UTC, when the session
+    began. ``accepted_calibration``: why a person took the responsibility for poor
+    calibrations that this one builds on.
     """
 
     schema_: Literal["mvp-cell/calibration-session/1"] = Field(
@@ -90,6 +92,7 @@ class SessionFacts(FileModel):
     workspace_high_mm: tuple[float, float, float]
     working_mm: float | None = Field(default=None, gt=0)
     temperature_c: float | None = None
+    temperature_source: TemperatureSource | None = None
     accepted_calibration: str = ""
 
     @property
