@@ -40,6 +40,7 @@ from mvp.cell.session import (
     device_records,
     write_document,
 )
+from mvp.cell.simulation import refuse_other_task
 from mvp.cell.verification import Expectations, PictureVerifier, declared_axes
 from mvp.errors import RecordError
 
@@ -65,6 +66,7 @@ def resume_run(
     plan = folder.read_plan()
     task_file = as_found(plan.task.file, cell.source.path.parent)
     task = load_task(cell, str(task_file))
+    refuse_other_task(cell, task)
     setting = prepare(cell, with_found_pose(folder, task))
     expected = prepare(cell, task) if setting.task is not task else setting
     with ExitStack() as stack:

@@ -107,6 +107,16 @@ def simulation_of(
         yield simulation.announced
 
 
+def refuse_other_task(cell: LoadedCell, task: LoadedTask) -> None:
+    """Before work that would be in vain: somebody simulates the cell with another part.
+
+    Raises:
+        UsageError: as for ``simulation_of``.
+    """
+    if cell.config.simulators.by_role:
+        _running(cell, task)
+
+
 def _running(cell: LoadedCell, task: LoadedTask) -> Simulation | None:
     """The simulation that somebody else has started."""
     place = cell.source.path
@@ -119,8 +129,10 @@ def _running(cell: LoadedCell, task: LoadedTask) -> Simulation | None:
         return None  # it has only begun, or has just ended
     if found.task != str(task.source.path):
         raise UsageError(
-            f"the simulation of {cell.config.name} that runs shows {found.task}",
-            hint=f"end it, or start it with --task {task.source.path}",
+            f"the simulation of {cell.config.name} that runs shows {found.task}, "
+            f"not {task.source.path}",
+            hint=f"give this command --task {found.task}; or end that simulation and "
+            f"start it again with --task {task.source.path}",
             where=found.task,
         )
     return found

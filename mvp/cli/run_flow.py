@@ -16,6 +16,7 @@ from mvp.cell.resume_command import resume_command
 from mvp.cell.resume_job import resume_run
 from mvp.cell.run_job import RunOptions, dry_run, require_runnable, start_run
 from mvp.cell.session import Motion, RunResult, Watcher
+from mvp.cell.simulation import refuse_other_task
 from mvp.cell.states import RunState, RunStatus
 from mvp.cli.ask import allow_motion, ask, terminal
 from mvp.cli.naming import name_cell
@@ -32,6 +33,7 @@ from mvp.cli.wizard_view import TerminalView
 from mvp.errors import MvpCellError, OutputError, StoppedByOperator, UsageError
 
 if TYPE_CHECKING:
+    from mvp.cell.loading import LoadedTask
     from mvp.cell.run_folder import RunFolder
     from mvp.cell.runner import Runner, RunOutcome
     from mvp.planning.plan import Plan
@@ -72,8 +74,8 @@ class RunFlow:
         view = TerminalView(
             simulated=self.cell.config.simulated, auto=True, yes=self.yes
         )
+        task = self._task()
         with stages() as tell:
-            task = load_task(self.cell, self.task)
             planned = make_plan(self.cell, task, seed=self.seed, tell=tell)
         with view:
             located = locate_first(
@@ -108,8 +110,14 @@ class RunFlow:
             print_model(document)
         return 0
 
-    def _planned(self) -> tuple[Setting, Plan]:
+    def _task(self) -> LoadedTask:
+        """The task, unless somebody simulates the cell with another one."""
         task = load_task(self.cell, self.task)
+        refuse_other_task(self.cell, task)
+        return task
+
+    def _planned(self) -> tuple[Setting, Plan]:
+        task = self._task()
         with stages() as tell:
             planned = make_plan(self.cell, task, seed=self.seed, tell=tell)
         print_plan(planned.plan)

@@ -12,7 +12,7 @@ from mvp.cell.init_job import copy_cell
 from mvp.cell.loading import load_cell
 from mvp.cell.lock import cell_lock
 from mvp.cell.run_folder import create_run_folder, parent_dropped_on_error
-from mvp.cell.simulation import simulation_lock
+from mvp.cell.simulation import Simulation, announcement, simulation_lock
 from mvp.cli.main import invoke
 
 if TYPE_CHECKING:
@@ -80,6 +80,31 @@ def test_a_cell_in_use_is_refused_before_any_work_and_leaves_no_folder(
             assert "planning" not in told
             assert "connecting" not in told
     assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("options", ["", "--dry-run", "--locate --yes"])
+def test_a_simulation_of_another_task_is_refused_before_planning(
+    simulated: LoadedCell,
+    options: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    wanted = simulated.folder / "tasks" / "paper_object.toml"
+    shown = str(simulated.folder / "tasks" / "other.toml")
+    said = Simulation(cell=simulated.config.name, task=shown, devices={})
+    place = announcement(simulated.source.path)
+    place.write_text(said.model_dump_json(by_alias=True), encoding="utf-8")
+    words = ["run", str(simulated.folder), "--task", str(wanted), *options.split()]
+    out = tmp_path / "runs"
+    try:
+        assert invoke([*words, "--out", str(out), "--json"]) == 2
+    finally:
+        place.unlink()
+    told = json.loads(capsys.readouterr().out)
+    assert shown in told["message"]
+    assert f"--task {shown}" in told["hint"]
+    assert f"--task {wanted}" in told["hint"]
+    assert not out.exists()
 
 
 def test_folders_made_for_a_run_that_never_began_are_taken_away(tmp_path: Path) -> None:
