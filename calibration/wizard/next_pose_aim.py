@@ -70,44 +70,41 @@ class Aim:
             base_from_tool: n poses as the arm told.
             camera_from_target: n poses from the pictures.
         """
-        state = self.tool_from_camera, self.base_from_target
+        camera, target = self.tool_from_camera, self.base_from_target
+        trials = np.vstack([np.zeros(12), np.diag(np.tile(_STEP, 2))])
         for _ in range(_ROUNDS):
-            rest = self._rest(state, base_from_tool, camera_from_target)
-            slope = np.empty((len(rest), 12))
-            for k in range(12):
-                step = np.zeros(12)
-                step[k] = _STEP[k % 6]
-                moved = _moved(state, step)
-                there = self._rest(moved, base_from_tool, camera_from_target)
-                slope[:, k] = (there - rest) / step[k]
+            moved = _moved(camera, target, trials)
+            rest = self._rest(*moved, base_from_tool, camera_from_target)
+            slope = (rest[1:] - rest[0]).T / np.tile(_STEP, 2)
             change = np.asarray(
-                -np.linalg.lstsq(slope, rest, rcond=None)[0], np.float64
+                -np.linalg.lstsq(slope, rest[0], rcond=None)[0], np.float64
             )
-            state = _moved(state, change)
+            camera, target = _moved(camera, target, change[None])
             if np.abs(change / np.tile(_STEP, 2)).max() < 1.0:
                 break
-        return replace(self, tool_from_camera=state[0], base_from_target=state[1])
+        return replace(self, tool_from_camera=camera, base_from_target=target)
 
     def _rest(
-        self, state: tuple[Poses, Poses], base_from_tool: Poses, seen: Poses
+        self, cameras: Poses, targets: Poses, base_from_tool: Poses, seen: Poses
     ) -> FloatArray:
-        """Whitened: sights, then the two beliefs."""
-        there = replace(self, tool_from_camera=state[0], base_from_target=state[1])
-        sights = difference(there.seen_from(base_from_tool), seen)
-        camera = difference(state[0], self.tool_from_camera)
-        target = difference(state[1], self.base_from_target)
-        return np.concatenate(
+        """Whitened, one row for each of k beliefs: sights, then off the first belief."""
+        count, views = len(cameras), len(seen)
+        belief = np.repeat(np.arange(count), views)
+        view = np.tile(np.arange(views), count)
+        camera = base_from_tool[view] @ cameras[belief]
+        sights = difference(camera.inverse() @ targets[belief], seen[view])
+        return np.hstack(
             [
-                (sights / self.sight_doubt.sigmas).ravel(),
-                (camera / self.camera_doubt.sigmas).ravel(),
-                (target / self.target_doubt.sigmas).ravel(),
+                (sights / self.sight_doubt.sigmas).reshape(count, -1),
+                difference(cameras, self.tool_from_camera) / self.camera_doubt.sigmas,
+                difference(targets, self.base_from_target) / self.target_doubt.sigmas,
             ]
         )
 
 
-def _moved(state: tuple[Poses, Poses], step: FloatArray) -> tuple[Poses, Poses]:
-    camera, target = state
+def _moved(camera: Poses, target: Poses, steps: FloatArray) -> tuple[Poses, Poses]:
+    """Both sets of one after k small steps (k, 12)."""
     return (
-        Poses(*moved_pose(camera.rotation, camera.translation_mm, step[None, :6])),
-        Poses(*moved_pose(target.rotation, target.translation_mm, step[None, 6:])),
+        Poses(*moved_pose(camera.rotation, camera.translation_mm, steps[:, :6])),
+        Poses(*moved_pose(target.rotation, target.translation_mm, steps[:, 6:])),
     )

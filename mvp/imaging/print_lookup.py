@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mvp.imaging.light import Float32Array
     from mvp.imaging.render_body import PlanarTexture
 
-_TILE, _CHUNK = 64, 2048  # pixels along a side, pixels at a time
+_TILE, _CHUNK = 64, 8192  # pixels along a side, pixels at a time
 _NEIGHBOUR = (
     1.5  # texels: rounding to the nearest one, and the second of a bilinear pair
 )
@@ -59,7 +59,8 @@ def _of_one_colour(
 ) -> BoolArray:
     """(h, w) pixels whose places all lie where the print does not change."""
     most = np.abs(shares[:, 1:]).max(axis=0)
-    reach = np.tensordot(most, np.abs(ways[1:]).max(axis=-1), axes=1)
+    far = np.abs(ways[1:])
+    reach = np.tensordot(most, np.maximum(far[..., 0], far[..., 1]), axes=1)
     rows, columns = texture.albedo.shape
     # No places at all, or ones at infinity, count as changing.
     place = np.nan_to_num(ways[0], nan=0.0, posinf=0.0, neginf=0.0)
