@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from calibration.wizard.part_held_out import HELD_OUT, VERIFICATION, not_wanted
 from calibration.wizard.part_page import page_of
 from calibration.wizard.part_result import (
     KEY,
@@ -63,11 +64,13 @@ class PartWizard:
         views = list(bench.sights.views())
         if not store.count:
             remember_plan(store, views)
+            store.remember(HELD_OUT, options.verify)
         yield Say(
             f"the part is looked at from up to {len(views)} sides; it is expected where "
             "part_pose of the cell says, to some millimetres"
         )
-        most = min(len(views), options.most_samples or len(views))
+        kept_apart = int(not not_wanted(store) and len(views) > 1)
+        most = min(len(views) - kept_apart, options.most_samples or len(views))
         fewest = min(FEWEST_VIEWS, most)
         unwanted: set[str] = set()
         found = found_of(store)
@@ -80,13 +83,15 @@ class PartWizard:
             believed = _believed(store, found)
             told = yield from _taken(bench, store, view, believed)
             if told is Word.FINISH:
-                break
+                return self.outcome(store)
             if told is Word.UNDO:
                 store.undo()
             elif told is None:
                 unwanted.add(view.name)
             found = found_of(store)
             yield _covered(len(store.usable()) / fewest, found)
+        if kept_apart and found is not None:
+            yield from _kept_apart(bench, store, views, unwanted)
         return self.outcome(store)
 
     def outcome(self, store: SessionStore) -> Outcome:
@@ -96,6 +101,26 @@ class PartWizard:
     def page(self, store: SessionStore, outcome: Outcome) -> str:
         """The report of the located part; see ``Wizard``."""
         return page_of(store, outcome)
+
+
+def _kept_apart(
+    bench: Bench, store: SessionStore, views: list[SightView], unwanted: set[str]
+) -> Generator[Step, Answer, None]:
+    """One more view, which takes no part in the result, and tests it."""
+    yield Say("a held-out view: it takes no part in the result, and tests it")
+    while not store.usable(VERIFICATION):
+        view = _next(views, store, unwanted)
+        if view is None:
+            yield Say("no view is left to be kept apart", "warning")
+            return
+        believed = _believed(store, found_of(store))
+        told = yield from _taken(bench, store, view, believed, role=VERIFICATION)
+        if told is Word.FINISH:
+            return
+        if told is Word.UNDO:
+            store.undo()
+        elif told is None:
+            unwanted.add(view.name)
 
 
 def _next(
@@ -108,7 +133,12 @@ def _next(
 
 
 def _taken(
-    bench: Bench, store: SessionStore, view: SightView, believed: Pose
+    bench: Bench,
+    store: SessionStore,
+    view: SightView,
+    believed: Pose,
+    *,
+    role: str = "calibration",
 ) -> Generator[Step, Answer, Sample | Word | None]:
     """Drive there and look; None when the arm cannot or should not."""
     goal = believed @ view.part_from_camera
@@ -131,7 +161,7 @@ def _taken(
     shot, there = _shot(bench, believed)
     yield Working(f"measuring the part in {view.name}")
     seen = look(bench.sights, shot, store.facts, there)
-    sample = store.add(shot, seen.finding(shot), name=view.name)
+    sample = store.add(shot, seen.finding(shot), name=view.name, role=role)
     yield Sampled(
         sample.number, sample.name, sample.usable, sample.reason, sample.action
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,27 +10,30 @@ import numpy as np
 from calibration.part_pose import (
     HandEye,
     LocatedPart,
-    PartView,
-    Resection,
-    by_camera,
     judge_located,
     judge_resection,
     locate,
-    resect,
 )
 from calibration.results import quality_of
 from calibration.verdict import Cause, Limit, Verdict, judged
 from calibration.wizard.hand_eye_result import camera_prior
-from calibration.wizard.part_sight import sight_of
+from calibration.wizard.part_held_out import held_out, left_out, not_wanted
+from calibration.wizard.part_pictured import (
+    Pictured,
+    chain_of,
+    hand_eye_of,
+    pictured_of,
+    rms_px_of,
+    setting_of_sample,
+)
 from calibration.wizard.provenance import provenance_of, validity_of
-from calibration.wizard.working import Setting
 from mvp.calibrated import Quality, RigidCalibration, ViewResidual
 from mvp.calibrated.content import content_sha256
 from mvp.errors import CalibrationError
 from mvp.fileedge import FileModel
 from mvp.geometry import Pose
 from mvp.optics import single_view
-from mvp.planning.probability_errors import CameraSpread, PoseChain, camera_spread
+from mvp.planning.probability_errors import CameraSpread, camera_spread
 from mvp.wizard import Outcome
 
 if TYPE_CHECKING:
@@ -38,11 +41,10 @@ if TYPE_CHECKING:
 
     from pydantic import JsonValue
 
-    from calibration.part_pose import PartSight
-    from calibration.projection import PinholeCamera
-    from calibration.wizard.session_store import Sample, SessionStore
+    from calibration.wizard.session_store import SessionStore
+    from calibration.wizard.verification import Verification
     from mvp.geometry import FloatArray
-    from mvp.wizard import SessionFacts, SightView
+    from mvp.wizard import SightView
 
 KEY = "part"
 PLANNED = "planned_views"
@@ -59,26 +61,6 @@ class PlannedRoom(FileModel):
     d_mm: float
     position_mm: float
     angle_deg: float
-
-
-@dataclass(frozen=True, eq=False)
-class Pictured:
-    """One sample with what it says.
-
-    Attributes:
-        sample: as stored.
-        camera: intrinsics at its lens setting.
-        sight: what was seen.
-        resection: the poses that explain it, the one nearest to the expected first
-            where the picture cannot tell.
-        view: for ``locate``.
-    """
-
-    sample: Sample
-    camera: PinholeCamera
-    sight: PartSight
-    resection: Resection
-    view: PartView
 
 
 @dataclass(frozen=True)
@@ -135,8 +117,8 @@ def found_of(store: SessionStore) -> Found | None:
     if not samples:
         return None
     hand_eye = hand_eye_of(facts, samples[0])
-    pictured = tuple(_pictured(facts, sample, hand_eye) for sample in samples)
-    covariance = camera_prior(facts, _setting(samples[0])).covariance
+    pictured = tuple(pictured_of(facts, sample, hand_eye) for sample in samples)
+    covariance = camera_prior(facts, setting_of_sample(samples[0])).covariance
     located = locate([p.view for p in pictured], hand_eye, covariance)
     before, now = facts.base_from_part, located.base_from_part
     arrivals = _arrivals(store, located)
@@ -166,10 +148,29 @@ def outcome_of(store: SessionStore) -> Outcome:
             hint="check the light, and where part_pose of the cell file says it lies",
             where=str(store.path),
         )
-    quality = _quality(store.facts, found)
-    return Outcome(
-        KEY, _file(store, found, quality), quality, _lines(found), {"found": found}
+    held = held_out(store, found.located, found.hand_eye)
+    if held.views or not not_wanted(store):
+        found = replace(found, verdict=judged(found.verdict.causes, held.causes()))
+    others = left_out(store.facts, found.pictured, found.hand_eye)
+    quality = _quality(found, held if held.views else others)
+    lines = (*_lines(found), *_tested(store, held, others))
+    details = {"found": found, "verification": held}
+    return Outcome(KEY, _file(store, found, quality), quality, lines, details)
+
+
+def _tested(
+    store: SessionStore, held: Verification, others: Verification
+) -> tuple[str, ...]:
+    """How well the result foretells pictures, in words and mm."""
+    by_others = (
+        f"each of the {len(others.views)} views by what the others say: {others.what} "
+        f"off by {others.error:.3g} mm (root mean square), {others.ratio:.1f} times what "
+        "was to be expected"
     )
+    lines = (by_others,) if others.views else ()
+    if held.views or not not_wanted(store):
+        return (*lines, held.words)
+    return (*lines, "no view was kept apart: the pictures of the run test the place")
 
 
 def remember_plan(store: SessionStore, views: Sequence[SightView]) -> None:
@@ -189,39 +190,6 @@ def remember_plan(store: SessionStore, views: Sequence[SightView]) -> None:
         store.remember(PLANNED, rooms)
 
 
-def hand_eye_of(facts: SessionFacts, sample: Sample) -> HandEye:
-    """The hand-eye transform at a sample's lens setting, and the robot's noise."""
-    known = facts.hand_eye.covariance
-    sigmas = [facts.robot.position_mm] * 3 + [np.radians(facts.robot.angle_deg)] * 3
-    return HandEye(
-        facts.tool_from_camera(facts.lens_at(sample.lens_steps).d_mm),
-        np.zeros((6, 6)) if known is None else np.asarray(known, np.float64),
-        np.diag(np.square(sigmas)),
-    )
-
-
-def _setting(sample: Sample) -> Setting:
-    return Setting(**sample.lens_steps)
-
-
-def _pictured(facts: SessionFacts, sample: Sample, hand_eye: HandEye) -> Pictured:
-    prior = camera_prior(facts, _setting(sample))
-    sight = sight_of(sample).sight
-    own = facts.tool_from_camera(facts.lens_at(sample.lens_steps).d_mm)
-    # With the lens set otherwise the pupil is elsewhere: as if the tool stood there.
-    tool = sample.pose @ own @ hand_eye.tool_from_camera.inverse()
-    near = (sample.pose @ own).inverse() @ facts.base_from_part
-    resection = resect(prior.camera, sight, near=near)
-    best = resection.best
-    view = PartView(
-        best.camera_from_part,
-        best.estimate.covariance,
-        tool,
-        by_camera(prior.camera, sight, best, prior.names),
-    )
-    return Pictured(sample, prior.camera, sight, resection, view)
-
-
 def _arrivals(store: SessionStore, located: LocatedPart) -> tuple[Arrival, ...]:
     facts, known = store.facts, store.recall(PLANNED)
     rooms = [PlannedRoom.model_validate(one) for one in known or ()]  # type: ignore[union-attr]
@@ -234,20 +202,6 @@ def _arrivals(store: SessionStore, located: LocatedPart) -> tuple[Arrival, ...]:
         angle = float(np.radians(room.angle_deg))
         found.append(Arrival(room.name, spread, room.position_mm, angle))
     return tuple(found)
-
-
-def chain_of(facts: SessionFacts, located: LocatedPart, d_mm: float) -> PoseChain:
-    """The calibrated chain with this part in it."""
-    known = facts.hand_eye.covariance
-    sigmas = [facts.robot.position_mm] * 3 + [np.radians(facts.robot.angle_deg)] * 3
-    return PoseChain(
-        located.base_from_part,
-        facts.tool_from_camera(d_mm),
-        located.covariance,
-        np.zeros((6, 6)) if known is None else np.asarray(known, np.float64),
-        np.diag(np.square(sigmas)),
-        located.by_hand_eye,
-    )
 
 
 def _verdict(
@@ -294,7 +248,7 @@ def _too_little_room(arrival: Arrival) -> tuple[Cause, ...]:
     return limit.check(100 * arrival.share)
 
 
-def _quality(facts: SessionFacts, found: Found) -> Quality:
+def _quality(found: Found, tested: Verification) -> Quality:
     """In words and mm; the error is that of the features' middle."""
     first = found.pictured[0].resection.best.estimate
     residuals = np.concatenate(
@@ -303,7 +257,7 @@ def _quality(facts: SessionFacts, found: Found) -> Quality:
     views = [
         ViewResidual(
             name=p.sample.name,
-            rms_px=_rms_px(p),
+            rms_px=rms_px_of(p),
             rms_mm=float(np.linalg.norm(off[:3])),
         )
         for p, off in zip(found.pictured, found.located.off, strict=True)
@@ -312,8 +266,9 @@ def _quality(facts: SessionFacts, found: Found) -> Quality:
         found.verdict,
         first,
         weakest=_weakest(found),
-        rms_px=float(np.sqrt(np.mean([_rms_px(p) ** 2 for p in found.pictured]))),
+        rms_px=float(np.sqrt(np.mean([rms_px_of(p) ** 2 for p in found.pictured]))),
         error_95_mm=_NORMAL_95 * middle_sigma_mm(found),
+        out_of_sample_mm=tested.error if tested.views else None,
         views=views,
     )
     return quality.model_copy(
@@ -323,16 +278,6 @@ def _quality(facts: SessionFacts, found: Found) -> Quality:
             "chi_square_probability": found.located.probability,
         }
     )
-
-
-def _rms_px(pictured: Pictured) -> float:
-    """Of what the pose leaves of lines and rims."""
-    sight = pictured.sight
-    residuals = pictured.resection.best.estimate.residuals
-    sigmas = np.concatenate(
-        [np.repeat(sight.circles.sigmas_px, 2), sight.edges.sigmas_px]
-    )
-    return float(np.sqrt(np.mean((residuals * sigmas) ** 2)))
 
 
 def middle_sigma_mm(found: Found) -> float:

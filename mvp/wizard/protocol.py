@@ -243,10 +243,13 @@ class WizardOptions:
     Attributes:
         auto: nobody watches; questions get their defaults.
         most_samples: end after so many usable ones; None: the wizard's own limit.
+        verify: keep views apart that test the result; False: where something else
+            will.
     """
 
     auto: bool = False
     most_samples: int | None = None
+    verify: bool = True
 
 
 @dataclass(frozen=True, eq=False)

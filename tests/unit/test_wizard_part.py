@@ -148,7 +148,9 @@ class DrawnSights:
 class DrawnBench:
     """Goes everywhere at once; told and true poses differ by drawn errors."""
 
-    def __init__(self, seed=0, *, refused=(), shifted_mm=None, **sights):
+    def __init__(
+        self, seed=0, *, refused=(), shifted_mm=None, knocked_after=99, **sights
+    ):
         self.facts = facts()
         lens = self.facts.lens_at(STEPS)
         self._random = np.random.default_rng([seed, 7])
@@ -165,6 +167,7 @@ class DrawnBench:
             self.true_part = self.facts.base_from_part @ moved
         self.sights = DrawnSights(self, **sights)
         self.refused, self.asked = refused, 0
+        self.knocked_after = knocked_after
         self._tools: list[Pose] = []
         self._truths: dict[int, Pose] = {}
 
@@ -192,6 +195,9 @@ class DrawnBench:
         told = self._tools[int(self._here[0])]
         number = len(self._truths) + 1
         self._truths[number] = nudged(self._random, told, ROBOT)
+        if len({tool.matrix.tobytes() for tool in self._tools}) > self.knocked_after:
+            aside = Pose("part", "part", np.eye(3), np.array([4.0, 4.0, 0.0]))
+            self.true_part, self.knocked_after = self.true_part @ aside, 99
         return Shot(
             np.zeros((4, 4), np.uint8),
             255,
@@ -228,6 +234,11 @@ def driven(bench, store, answers=(), options=None):
         answer = None
         if isinstance(step, Allow):
             answer = left.pop(0) if left else True
+
+
+def only_views(count):
+    """So many views, and none that is kept apart."""
+    return WizardOptions(auto=True, most_samples=count, verify=False)
 
 
 def pull(outcome, bench) -> float:
@@ -275,13 +286,49 @@ def test_a_stored_session_gives_the_same_numbers_again(session):
     assert again.lines == outcome.lines
 
 
+def test_a_view_that_was_kept_apart_tests_the_place_in_mm(session):
+    _, outcome, _, store = session
+    (kept,) = store.usable("verification")
+    held = outcome.details["verification"]
+    assert [view.name for view in held.views] == [kept.name]
+    assert 0.05 < held.ratio < 3
+    assert outcome.quality.out_of_sample_mm == pytest.approx(held.error)
+    (line,) = (text for text in outcome.lines if "held-out" in text)
+    assert f"off by {held.error:.3g} mm" in line
+
+
+def test_a_part_that_was_knocked_aside_before_the_held_out_view_is_noticed(tmp_path):
+    bench = DrawnBench(9, knocked_after=3)
+    outcome, _, store = carried_out(bench, tmp_path / "session")
+    (kept,) = store.usable("verification")
+    causes = {cause.code: cause for cause in outcome.quality.causes}
+    assert kept.name in causes["held-out-view-does-not-fit"].message
+    assert outcome.quality.verdict != "go"
+
+
+def test_a_session_without_its_held_out_view_is_not_a_go(tmp_path):
+    answers = [True, True, True, Word.FINISH]
+    outcome, _, _ = carried_out(DrawnBench(10), tmp_path / "session", answers)
+    assert "not-verified" in {cause.code for cause in outcome.quality.causes}
+
+
+def test_a_part_that_is_found_for_a_run_is_tested_by_the_run(tmp_path):
+    outcome, _, store = carried_out(
+        DrawnBench(11), tmp_path / "session", options=only_views(3)
+    )
+    assert not store.usable("verification")
+    assert outcome.quality.verdict == "go"
+    assert outcome.quality.out_of_sample_mm < 1.0
+    assert "no view was kept apart" in outcome.lines[-1]
+
+
 def test_a_session_that_broke_off_goes_on_with_the_next_view(tmp_path):
     bench = DrawnBench(1)
     folder = tmp_path / "session"
-    carried_out(bench, folder, options=WizardOptions(most_samples=1))
+    carried_out(bench, folder, options=only_views(1))
     store = SessionStore.open(folder, repair=True)
     first = [sample.name for sample in store.samples]
-    driven(bench, store, options=WizardOptions(most_samples=2))
+    driven(bench, store, options=only_views(2))
     names = [sample.name for sample in store.samples]
     assert names[:1] == first == ["v1"]
     assert len(set(names)) == len(names) == 2
@@ -295,7 +342,7 @@ def test_the_last_view_can_be_taken_back_and_enough_is_enough(tmp_path):
 
 def test_a_view_that_the_arm_cannot_take_is_said_and_left_out(tmp_path):
     bench = DrawnBench(3, refused=(2,))
-    two = WizardOptions(most_samples=2)
+    two = only_views(2)
     _, shown, store = carried_out(bench, tmp_path / "session", options=two)
     assert any("out of reach" in getattr(step, "text", "") for step in shown)
     assert "aside 1" not in {sample.name for sample in store.samples}
@@ -324,7 +371,7 @@ def test_a_bench_without_a_picture_says_what_to_look_at(tmp_path):
 
 def test_a_plan_with_less_room_than_the_errors_is_told(tmp_path):
     tight = {"position_mm": 0.02, "angle_deg": 5.0}
-    one = WizardOptions(most_samples=1)
+    one = only_views(1)
     bench = DrawnBench(6, planned=tight)
     outcome, _, _ = carried_out(bench, tmp_path / "session", options=one)
     causes = {cause.code: cause for cause in outcome.quality.causes}
@@ -335,9 +382,7 @@ def test_a_plan_with_less_room_than_the_errors_is_told(tmp_path):
 def test_the_mirror_image_of_a_flat_outline_is_reported(tmp_path):
     """From one far picture of one face only; several sides then settle it."""
     bench = DrawnBench(7, flat=True)
-    _, _, store = carried_out(
-        bench, tmp_path / "one", options=WizardOptions(most_samples=1)
-    )
+    _, _, store = carried_out(bench, tmp_path / "one", options=only_views(1))
     (pictured,) = found_of(store).pictured
     assert len(pictured.resection.branches) > 1
     codes = judge_resection(pictured.sight, pictured.resection).codes()
@@ -345,7 +390,7 @@ def test_the_mirror_image_of_a_flat_outline_is_reported(tmp_path):
     more, _, _ = carried_out(
         DrawnBench(7, flat=True),
         tmp_path / "more",
-        options=WizardOptions(most_samples=2),
+        options=only_views(2),
     )
     assert "mirror-ambiguity" not in {cause.code for cause in more.quality.causes}
     assert pull(more, bench) < 22.5
@@ -353,7 +398,7 @@ def test_the_mirror_image_of_a_flat_outline_is_reported(tmp_path):
 
 def test_how_far_the_part_was_off_is_said_in_mm(tmp_path):
     bench = DrawnBench(8, shifted_mm=(3.0, -4.0, 0.0))
-    one = WizardOptions(most_samples=1)
+    one = only_views(1)
     outcome, _, _ = carried_out(bench, tmp_path / "session", options=one)
     found = outcome.details["found"]
     assert found.moved_mm == pytest.approx(5.0, abs=0.8)
@@ -368,10 +413,12 @@ def test_the_report_shows_every_picture(session):
 
 @pytest.mark.full
 def test_stated_intervals_hold_the_errors_of_many_sessions(tmp_path):
-    pulls = []
+    pulls, ratios = [], []
     for seed in range(60):
         bench = DrawnBench(100 + seed)
         outcome, _, _ = carried_out(bench, tmp_path / str(seed))
         pulls.append(pull(outcome, bench))
+        ratios.append(outcome.details["verification"].ratio)
+    assert 0.75 < np.sqrt(np.mean(np.square(ratios))) < 1.25
     assert np.mean(pulls) == pytest.approx(6.0, abs=1.6)
     assert np.mean(np.array(pulls) < 12.59) > 0.86  # 95 % expected
