@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -10,13 +10,14 @@ import numpy as np
 from drivers.virtual_motion import StepMove
 from drivers.virtual_tracks import MotorTrack
 from mvp.devices import AXES, Axis
-from mvp.optics import LensSetting, LensTable
+from mvp.optics import LensTable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivers.virtual_settings import LensFaults, WorldErrors
     from mvp.calibrated import AxisTable, LensTableCalibration
+    from mvp.optics import LensSetting
 
 
 @dataclass(eq=False)
@@ -168,11 +169,11 @@ class LensTruth:
             self._motor(axis).glass_at(t_s) + faults.lost_steps.get(axis, 0)
             for axis in AXES
         )
-        f = float(self.table.zoom.value_mm(zoom))
-        d = f + float(self.table.focus.value_mm(focus)) + self.table.tube_mm
-        return LensSetting(
-            f * (1 + errors.zoom_fraction),
-            d + errors.focus_d_mm,
-            float(self.table.iris.value_mm(iris)) * (1 + errors.a_fraction),
-            self.table.pupil_offset_mm + errors.pupil_offset_mm,
+        lens = self.table.optics_at(zoom, focus, iris)
+        return replace(
+            lens,
+            f_mm=lens.f_mm * (1 + errors.zoom_fraction),
+            d_mm=lens.d_mm + errors.focus_d_mm,
+            a_mm=lens.a_mm * (1 + errors.a_fraction),
+            e_mm=lens.e_mm + errors.pupil_offset_mm,
         )

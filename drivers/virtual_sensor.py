@@ -6,35 +6,41 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mvp.optics import Intrinsics, Sensor
+from mvp.kinematics import MountedCamera, intrinsics_of, tool_from_camera_at
 
 if TYPE_CHECKING:
     from drivers.virtual_settings import WorldErrors
     from mvp.calibrated import CameraCalibration
+    from mvp.devices import WorldBelief
     from mvp.geometry import FloatArray, Pose
+    from mvp.optics import Intrinsics, LensSetting, LensTable
 
 _SMEAR_PX = 0.7
 _FEWEST = 5
 
 
-def true_intrinsics(camera: CameraCalibration, errors: WorldErrors) -> Intrinsics:
-    """The calibration with the errors of the truth added."""
-    sensor = Sensor(
-        camera.width_px,
-        camera.height_px,
-        camera.pitch_x_um / 1e3,
-        camera.pitch_y_um / 1e3,
-    )
-    return Intrinsics(
-        sensor,
-        camera.centre_x_px + errors.centre_px[0],
-        camera.centre_y_px + errors.centre_px[1],
-        k1=camera.k1 + errors.k1,
-        k2=camera.k2,
-        p1=camera.p1,
-        p2=camera.p2,
-        k3=camera.k3,
-    )
+def true_intrinsics(
+    camera: CameraCalibration, errors: WorldErrors, lens: LensSetting | None = None
+) -> Intrinsics:
+    """The calibration, at a lens setting, with the errors of the truth added."""
+    found = intrinsics_of(camera)
+    if lens is not None:
+        found = found.at(lens.centre_px, lens.k1)
+    across, down = errors.centre_px
+    centre = found.centre_x_px + across, found.centre_y_px + down
+    return found.at(centre, found.k1 + errors.k1)
+
+
+def true_hand_eye(
+    belief: WorldBelief, table: LensTable, d_mm: float, f_mm: float | None
+) -> Pose:
+    """The hand-eye transform at d; without f the pupil follows d alone."""
+    known, reference = belief.tool_from_camera, belief.reference_d_mm
+    if f_mm is not None:
+        own = intrinsics_of(belief.camera)
+        mounted = MountedCamera(own, table, known, reference, belief.reference_f_mm)
+        reference = mounted.reference_d_at(f_mm) or reference
+    return tool_from_camera_at(known, d_mm=d_mm, reference_d_mm=reference)
 
 
 def smear_instants(

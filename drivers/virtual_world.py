@@ -1,8 +1,7 @@
 """The one owner of truth of a simulated cell.
 
-Bodies, light, the true camera, lens, hand-eye and part pose, and the history of arm
-and lens over time. Drivers tell it what their motors do and ask it for pictures; the
-planner, the verifier and the wizards never see it.
+Bodies, light, camera, lens, hand-eye, part pose, and the history of arm and lens. Drivers
+tell it what their motors do and ask it for pictures; planner and wizards never see it.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from drivers.virtual_bodies import true_bodies, true_target
 from drivers.virtual_lens_truth import LensTruth
 from drivers.virtual_light import true_light
 from drivers.virtual_motion import History, StraightMove
-from drivers.virtual_sensor import smear_instants, true_intrinsics
+from drivers.virtual_sensor import smear_instants, true_hand_eye, true_intrinsics
 from drivers.virtual_settings import (
     Faults,
     VectorOrLength,
@@ -38,7 +37,7 @@ from mvp.imaging import (
     render,
     render_moving,
 )
-from mvp.kinematics import arm_model, tool_from_camera_at
+from mvp.kinematics import arm_model
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -238,15 +237,13 @@ class VirtualWorld:
             joints = true_joints(self.model, self._arm_history.at(t_s), errors)
             lens = self.lens.setting(t_s, errors, self._faults.lens)
         tool = true_flange(self.model, joints, errors, seed)
-        camera = tool @ self.tool_from_camera(lens.d_mm)
+        camera = tool @ self.tool_from_camera(lens.d_mm, lens.f_mm)
         return WorldState(t_s, joints, camera, lens)
 
-    def tool_from_camera(self, d_mm: float) -> Pose:
-        """The true hand-eye transform at a lens setting."""
-        belief, errors = self.belief, self._errors
-        moved = tool_from_camera_at(
-            belief.tool_from_camera, d_mm=d_mm, reference_d_mm=belief.reference_d_mm
-        )
+    def tool_from_camera(self, d_mm: float, f_mm: float | None = None) -> Pose:
+        """The true hand-eye transform at d; without f the pupil follows d alone."""
+        errors = self._errors
+        moved = true_hand_eye(self.belief, self.lens.table, d_mm, f_mm)
         return moved @ self._small("camera", errors.hand_eye_deg, errors.hand_eye_mm)
 
     @property
@@ -272,8 +269,11 @@ class VirtualWorld:
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """The true sensor, principal point and distortion."""
-        return true_intrinsics(self.belief.camera, self._errors)
+        """The true sensor, principal point and distortion, unless the zoom changes it."""
+        return self._intrinsics_at(None)
+
+    def _intrinsics_at(self, lens: LensSetting | None) -> Intrinsics:
+        return true_intrinsics(self.belief.camera, self._errors, lens)
 
     @property
     def light(self) -> Illumination:
@@ -320,8 +320,8 @@ class VirtualWorld:
 
     def picture(self, start_s: float, exposure_s: float) -> RenderedImage:
         """The light on the sensor, averaged over the exposure."""
+        end_s = start_s + exposure_s
         with self._lock:
-            end_s = start_s + exposure_s
             moving = self._arm_history.moving_between(start_s, end_s)
             moving |= self.lens.moving_between(start_s, end_s)
         if not moving:
@@ -332,8 +332,11 @@ class VirtualWorld:
         return render_moving(
             self._ready_scene(),
             [state.base_from_camera for state in states],
-            lens=[_lens_state(state.lens) for state in states],
-            intrinsics=self.intrinsics,
+            lens=[
+                LensState(s.lens.d_mm, s.lens.f_mm, s.lens.a_mm, s.lens.e_mm)
+                for s in states
+            ],
+            intrinsics=self._intrinsics_at(states[0].lens),
             light=self.light,
         )
 
@@ -355,10 +358,12 @@ class VirtualWorld:
     def _render(self, state: WorldState) -> RenderedImage:
         """One still picture; the last few are kept."""
         lens = state.lens
+        intrinsics = self._intrinsics_at(lens)
         key = np.concatenate(
             [
                 state.base_from_camera.matrix.ravel(),
-                [lens.d_mm, lens.f_mm, lens.a_mm, lens.e_mm],
+                [lens.d_mm, lens.f_mm, lens.a_mm, lens.e_mm, intrinsics.k1],
+                [intrinsics.centre_x_px, intrinsics.centre_y_px],
             ]
         ).tobytes()
         with self._lock:
@@ -371,7 +376,7 @@ class VirtualWorld:
                 f_mm=lens.f_mm,
                 a_mm=lens.a_mm,
                 e_mm=lens.e_mm,
-                intrinsics=self.intrinsics,
+                intrinsics=intrinsics,
                 light=self.light,
             )
             while len(self._pictures) >= _KEPT_PICTURES:
@@ -393,7 +398,3 @@ def world_of(context: DeviceContext, name: str) -> VirtualWorld:
             where=name,
         )
     return context.world
-
-
-def _lens_state(lens: LensSetting) -> LensState:
-    return LensState(lens.d_mm, lens.f_mm, lens.a_mm, lens.e_mm)

@@ -84,7 +84,7 @@ def target_of(facts: SessionFacts) -> TargetFacts:
 
 def camera_at(facts: SessionFacts, lens: LensSetting) -> PinholeCamera:
     """Intrinsics as believed, at a lens setting."""
-    seen, sensor = facts.intrinsics, facts.sensor
+    seen, sensor = facts.intrinsics_at(lens), facts.sensor
     f_cal = float(principal_distance_mm(lens.d_mm, lens.f_mm, lens.e_mm))
     return PinholeCamera(
         f_cal / sensor.pitch_x_mm,

@@ -67,6 +67,7 @@ def working_setting(facts: SessionFacts) -> Setting:
     f_low, f_high = table.f_range_mm
     f = known.reference_f_mm or float(np.sqrt(f_low * f_high))
     f = float(np.clip(f, f_low, f_high))
+    table = table.at_focal_length(f)
     d_low, d_high = table.d_range_mm(f)
     d = known.reference_d_mm or (d_low + d_high) / 2
     if facts.working_mm is not None:
@@ -108,7 +109,7 @@ def pupil_for_depth(
 
     Never so small that diffraction blurs more than is gained.
     """
-    table, pitch = facts.table, facts.sensor.pitch_y_mm
+    table, pitch = facts.table.at_focal_length(f_mm), facts.sensor.pitch_y_mm
     m = (d_mm - f_mm) / f_mm
     f_cal = float(principal_distance_mm(d_mm, f_mm, table.pupil_offset_mm))
     slope = m * depth_share / (1 - depth_share)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -15,16 +15,16 @@ from mvp.geometry import Box, TriangleMesh
 from mvp.kinematics import (
     Capsule,
     CellBodies,
+    MountedCamera,
     Placement,
     obstacles,
-    tool_from_camera_at,
 )
 
 if TYPE_CHECKING:
     from mvp.cell.loading import LoadedCell
     from mvp.cell.task_scene import TaskScene
     from mvp.geometry import BoolArray, FloatArray
-    from mvp.optics import Views
+    from mvp.optics import LensSetting, Views
 
 _QUICK_ROLLS = 12
 
@@ -64,18 +64,18 @@ class ArmSetup:
         """Distance asked between any two bodies."""
         return self.cell.config.kinematics.clearance_mm
 
-    def placement(self, d_mm: float, targets_part_mm: FloatArray) -> Placement:
+    @cached_property
+    def _mounted(self) -> MountedCamera:
+        found = self.cell.calibrations
+        return MountedCamera.of(found.camera, found.lens_table, found.hand_eye)
+
+    def placement(self, lens: LensSetting, targets_part_mm: FloatArray) -> Placement:
         """What a view with this lens setting is realised with."""
         found = self.cell.calibrations
-        hand = tool_from_camera_at(
-            found.tool_from_camera,
-            d_mm=d_mm,
-            reference_d_mm=found.hand_eye.reference_d_mm,
-        )
         return Placement(
             self.bodies,
             found.base_from_part,
-            hand,
+            self._mounted.tool_from_camera_at(lens),
             self.cell.joint_margin,
             clearance_mm=self.clearance_mm,
             reference=self.cell.home_joints,
@@ -111,10 +111,16 @@ class ArmSetup:
         good = self.reachable(views)
         left = np.flatnonzero(good)
         if len(left):
-            distance = self._camera_clearance.distances_mm(views[left])
+            there = self._carried(views[left])
+            distance = self._camera_clearance.distances_mm(there)
             good[left] = distance >= self.clearance_mm
         return good
 
     def reachable(self, views: Views) -> BoolArray:
         """Which views some roll and branch of the arm can take, (N,); no clearance."""
-        return self._reach.reachable(views)
+        return self._reach.reachable(self._carried(views))
+
+    def _carried(self, views: Views) -> Views:
+        """The same with d where the pupil would stand so if it followed d alone."""
+        shifts = self._mounted.pupil_shifts_mm(views.f_mm)
+        return views if shifts is None else replace(views, d_mm=views.d_mm + shifts)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mvp.cell.plan_problem import ProblemFactory
     from mvp.geometry import FloatArray, IntArray, Pose
     from mvp.imaging import ExpectedEdge, Illumination, ViewExpectation
-    from mvp.optics.lens_table import LensSetting
+    from mvp.optics import LensSetting
     from mvp.scene import Feature
 
 _PLACES = 13
@@ -188,7 +188,7 @@ class ContrastForecast:
             d_mm=lens.d_mm,
             a_mm=lens.a_mm,
             e_mm=lens.e_mm,
-            intrinsics=self.factory.intrinsics,
+            intrinsics=self.factory.intrinsics.at(lens.centre_px, lens.k1),
             c_mm=self.factory.c_mm,
             auxiliary=0,
         )

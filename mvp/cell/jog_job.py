@@ -26,7 +26,7 @@ from mvp.cell.standstill import UnderWay
 from mvp.errors import InfeasibleError, LimitError, UsageError
 from mvp.fileedge import FileModel
 from mvp.geometry import Pose
-from mvp.kinematics import inverse, segment_clearance, tool_from_camera_at
+from mvp.kinematics import MountedCamera, inverse, segment_clearance
 from mvp.optics import LensTable
 
 if TYPE_CHECKING:
@@ -247,11 +247,8 @@ class Jogger:
         setting = self._setting(self.devices.lens.state().steps())
         if setting is None:
             return found.tool_from_camera
-        return tool_from_camera_at(
-            found.tool_from_camera,
-            d_mm=setting.d_mm,
-            reference_d_mm=found.hand_eye.reference_d_mm,
-        )
+        mounted = MountedCamera.of(found.camera, found.lens_table, found.hand_eye)
+        return mounted.tool_from_camera_at(setting)
 
     def _steps(self, command: Steps) -> str:
         target = self._homed_steps()

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mvp.optics import LensTable
-    from mvp.optics.lens_table import LensSteps, MotorAxis
+    from mvp.optics import LensSteps, LensTable, MotorAxis
 
 
 def narrowed_axes(whole: LensTable, valid: LensTable) -> tuple[MotorAxis, ...]:

@@ -101,7 +101,7 @@ class TaskSights:
             d_mm=lens.d_mm,
             a_mm=lens.a_mm,
             e_mm=lens.e_mm,
-            intrinsics=facts.intrinsics,
+            intrinsics=facts.intrinsics_at(lens),
             c_mm=facts.blur_circle_mm,
             tolerance=_PUT_DOWN,
             light=illumination(self.setting.cell.config.light),

@@ -23,8 +23,8 @@ from mvp.constraints import (
 )
 from mvp.errors import CalibrationError
 from mvp.geometry import Box, Pose
-from mvp.kinematics import camera_rotation
-from mvp.optics import Intrinsics, LensTable, Sensor, Views
+from mvp.kinematics import camera_rotation, intrinsics_of
+from mvp.optics import LensTable, Views
 from mvp.planning import LensBounds, PlanningProblem
 from mvp.visibility import (
     NOTHING,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from mvp.cell.task_scene import TaskScene
     from mvp.constraints import Constraint
     from mvp.geometry import FloatArray
-    from mvp.optics.lens_table import AxisName
+    from mvp.optics import AxisName, Intrinsics
     from mvp.planning import Accept
     from mvp.scene import Feature
 
@@ -52,27 +52,6 @@ _GUARD_PX = 12.0
 _FACETS = 16
 # First zero of the Airy pattern: diameter 2.44 lambda d / a.
 _AIRY = 2.44
-
-
-def intrinsics_of(cell: LoadedCell) -> Intrinsics:
-    """Sensor, principal point and distortion as calibrated."""
-    camera = cell.calibrations.camera
-    sensor = Sensor(
-        camera.width_px,
-        camera.height_px,
-        camera.pitch_x_um / 1000,
-        camera.pitch_y_um / 1000,
-    )
-    return Intrinsics(
-        sensor,
-        camera.centre_x_px,
-        camera.centre_y_px,
-        camera.k1,
-        camera.k2,
-        camera.p1,
-        camera.p2,
-        camera.k3,
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +78,13 @@ class ProblemFactory:
 
     @cached_property
     def intrinsics(self) -> Intrinsics:
-        """Sensor and distortion."""
-        return intrinsics_of(self.cell)
+        """Sensor, principal point and distortion, unless the zoom changes them."""
+        return intrinsics_of(self.cell.calibrations.camera)
+
+    def intrinsics_at(self, f_mm: float) -> Intrinsics:
+        """The same where the zoom gives f."""
+        here = self.table.optics_of(f_mm)
+        return self.intrinsics.at(here.centre_px, here.k1)
 
     @cached_property
     def table(self) -> LensTable:
@@ -173,13 +157,23 @@ class ProblemFactory:
         others = {0.0, *optics.extension_tubes_mm} - {optics.mounted_tube_mm}
         return [optics.mounted_tube_mm, *sorted(others)]
 
-    def lens_bounds(self, tube_mm: float) -> LensBounds | None:
-        """What lens, tube and task allow together; None when nothing is left."""
+    def lens_bounds(
+        self, tube_mm: float, *, f_mm: float | None = None
+    ) -> LensBounds | None:
+        """What lens, tube and task allow together; None when nothing is left.
+
+        Args:
+            tube_mm: the extension tube.
+            f_mm: the zoom step that gives about so much is the only one.
+        """
         table, wanted = self.table.with_tube(tube_mm), self.task.config.lens
         f = _common(table.f_range_mm, wanted.f_mm)
+        if f is not None and f_mm is not None:
+            f = (float(table.zoom.value_mm(table.zoom.nearest_step(f_mm))),) * 2
         a = _common(table.a_range_mm, wanted.a_mm or self._default_a_mm)
         if f is None or a is None:
             return None
+        table = table.at_focal_length(_middle(f))
         lens_d = (table.d_range_mm(f[0])[0], table.d_range_mm(f[1])[1])
         d = _common(lens_d, wanted.d_mm)
         if d is None or d[1] <= f[0]:
@@ -218,7 +212,7 @@ class ProblemFactory:
             self._resolution(features),
             FocusNear(points, self.c_mm, tuple(names)),
             FocusFar(points, self.c_mm, tuple(names)),
-            self._field_of_view(points, tuple(names)),
+            self._field_of_view(points, tuple(names), _middle(lens.f_mm)),
             Visibility(region, _FACETS),
             Workspace(self.workspace_base, self.base_from_part),
         ]
@@ -258,14 +252,17 @@ class ProblemFactory:
             names=names,
         )
 
-    def _field_of_view(self, points: FloatArray, names: tuple[str, ...]) -> Constraint:
+    def _field_of_view(
+        self, points: FloatArray, names: tuple[str, ...], f_mm: float
+    ) -> Constraint:
+        intrinsics = self.intrinsics_at(f_mm)
         if self.task.config.planning.field_of_view == "rectangle":
             return FieldOfViewRectangle.for_sensor(
-                points, self.intrinsics, guard_px=_GUARD_PX, names=names
+                points, intrinsics, guard_px=_GUARD_PX, names=names
             )
         centre, radius = enclosing_sphere(points)
         return FieldOfViewCircle.for_sensor(
-            centre, radius, self.intrinsics, guard_px=_GUARD_PX
+            centre, radius, intrinsics, guard_px=_GUARD_PX
         )
 
     def _lens_range(self, lens: LensBounds, tube_mm: float) -> list[Constraint]:
@@ -276,7 +273,7 @@ class ProblemFactory:
         if not axes:
             return []
         wanted = self.task.config.lens
-        table = self.table.with_tube(tube_mm)
+        table = self.table.with_tube(tube_mm).at_focal_length(_middle(lens.f_mm))
         return [
             LensRange.within(
                 table=table,
@@ -304,6 +301,11 @@ class ProblemFactory:
             float(np.mean(lens.a_mm)) * one,
             lens.e_mm * one,
         )
+
+
+def _middle(ends_mm: tuple[float, float]) -> float:
+    """Where what the zoom changes beside f is taken while f is free."""
+    return float(np.sqrt(ends_mm[0] * ends_mm[1]))
 
 
 def _common(

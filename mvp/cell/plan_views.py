@@ -17,6 +17,7 @@ from mvp.cell.calibration_gates import measure_again
 from mvp.cell.lens_validity import beyond_words, narrowed_axes
 from mvp.cell.objectives import repairs, searched
 from mvp.cell.realise_view import RealisedView, realise
+from mvp.cell.settled_zoom import settled_zoom
 from mvp.cell.unseen import unseen
 from mvp.planning.explain import explain
 from mvp.planning.rows import RowTable
@@ -183,7 +184,9 @@ class ViewFinder:
                 + (f" on the {tube_mm:g} mm tube" if tube_mm else ""),
                 "lens_range",
             )
-        problem = self.factory.problem(features, region, lens, tube_mm)
+        factory = self.factory
+        lens = settled_zoom(factory, features, region, lens, tube_mm, self.seed)
+        problem = factory.problem(features, region, lens, tube_mm)
         if trial:
             problem = replace(
                 problem, starts=_TRIAL_STARTS, candidates=_TRIAL_CANDIDATES

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from mvp.cell.contrast import ContrastForecast, SeenContrast, ViewContrast
     from mvp.cell.plan_problem import ProblemFactory
     from mvp.kinematics import ClearanceIndex, Realisation
-    from mvp.optics import LensTable, Views
-    from mvp.optics.lens_table import LensSetting, LensSteps
+    from mvp.optics import LensSetting, LensSteps, LensTable, Views
     from mvp.planning import PlanningProblem, Solution
     from mvp.scene import Feature
 
@@ -126,7 +125,7 @@ def _taken(
     """The first of the best configurations that passes every check."""
     problem, setting = asked.problem, asked.setting
     choices = realisations(
-        arm.placement(setting.d_mm, problem.key_points_mm),
+        arm.placement(setting, problem.key_points_mm),
         asked.solution.view.part_from_camera(),
         free_roll=arm.free_roll,
         rank=contrast.rank if contrast is not None and ranked else None,

@@ -80,7 +80,7 @@ class Expectations:
             d_mm=view.d_mm,
             a_mm=view.a_mm,
             e_mm=view.pupil_offset_mm,
-            intrinsics=factory.intrinsics,
+            intrinsics=factory.intrinsics_at(view.f_mm),
             c_mm=factory.c_mm,
             tolerance=self._tolerance(view),
             requirements=wanted,

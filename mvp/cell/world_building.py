@@ -100,4 +100,5 @@ def _told(cell: LoadedCell, bodies: WorldBodies) -> WorldBelief:
         base_from_part=found.base_from_part,
         mounted_tube_mm=cell.config.optics.mounted_tube_mm,
         light=light.belief if light is not None else None,
+        reference_f_mm=found.hand_eye.reference_f_mm,
     )

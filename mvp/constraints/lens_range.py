@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from mvp.geometry import FloatArray
-    from mvp.optics import LensTable, Views
-    from mvp.optics.lens_table import AxisName
+    from mvp.optics import AxisName, LensTable, Views
 
 Quantity: TypeAlias = Literal["d", "d - f", "f", "a"]
 

@@ -58,6 +58,7 @@ class WorldBelief:
         lens_table: motor steps to f, d, a and e.
         tool_from_camera: hand-eye at ``reference_d_mm``.
         reference_d_mm: lens setting of the hand-eye result, mm.
+        reference_f_mm: likewise; None: it does not say.
         base_from_part: where the part lies.
         mounted_tube_mm: extension tube that is on the lens now.
         light: that travels with the camera; None when the cell does not say.
@@ -74,6 +75,7 @@ class WorldBelief:
     base_from_part: Pose
     mounted_tube_mm: float = 0.0
     light: LightBelief | None = None
+    reference_f_mm: float | None = None
 
 
 class WorldClass(Protocol):

@@ -25,6 +25,7 @@ from mvp.kinematics.models import (
     arm_model,
     arm_model_names,
 )
+from mvp.kinematics.mounted_camera import MountedCamera, intrinsics_of, sensor_of
 from mvp.kinematics.path import (
     JointPath,
     NoPath,
@@ -52,6 +53,7 @@ __all__ = [
     "ClearanceIndex",
     "Gantry",
     "JointPath",
+    "MountedCamera",
     "Nearest",
     "NoPath",
     "Obstacle",
@@ -71,6 +73,7 @@ __all__ = [
     "carried",
     "clearance_index",
     "find_path",
+    "intrinsics_of",
     "inverse",
     "jacobian",
     "obstacles",
@@ -78,6 +81,7 @@ __all__ = [
     "realisations",
     "roll_of",
     "segment_clearance",
+    "sensor_of",
     "singularity_margin",
     "tool_from_camera_at",
 ]

@@ -9,13 +9,12 @@ from mvp.optics.blur import (
 )
 from mvp.optics.intrinsics import Intrinsics
 from mvp.optics.lens_table import (
-    AxisName,
     LensSetting,
     LensSteps,
     LensTable,
-    MotorAxis,
     pupil_shift_mm,
 )
+from mvp.optics.motor_axis import AxisName, MotorAxis
 from mvp.optics.sensor import Sensor
 from mvp.optics.thick_lens import (
     depth_limits_mm,
@@ -26,6 +25,7 @@ from mvp.optics.thick_lens import (
     signed_blur_mm,
 )
 from mvp.optics.views import Views, concatenated, single_view
+from mvp.optics.zoom_curves import ZoomCurves, ZoomOptics
 
 __all__ = [
     "AxisName",
@@ -37,6 +37,8 @@ __all__ = [
     "MotorAxis",
     "Sensor",
     "Views",
+    "ZoomCurves",
+    "ZoomOptics",
     "airy_diameter_mm",
     "airy_fwhm_mm",
     "concatenated",

@@ -7,7 +7,7 @@ The principal distance f_cal in mm is a property of the lens setting, not of thi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +31,18 @@ class Intrinsics:
     p1: float = 0.0
     p2: float = 0.0
     k3: float = 0.0
+
+    def at(self, centre_px: tuple[float, float] | None, k1: float | None) -> Intrinsics:
+        """With a lens setting's own principal point and k1; None: as they are."""
+        if centre_px is None and k1 is None:
+            return self
+        across, down = centre_px or (self.centre_x_px, self.centre_y_px)
+        return replace(
+            self,
+            centre_x_px=across,
+            centre_y_px=down,
+            k1=self.k1 if k1 is None else k1,
+        )
 
     @property
     def distortion(self) -> FloatArray:

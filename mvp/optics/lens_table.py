@@ -2,45 +2,46 @@
 
 The zoom axis gives f and the iris axis a; the focus axis gives the extension x, and an
 extension tube of length t adds to it: d = f + x + t. Between nodes of the table values
-follow a monotone cubic, so every value belongs to one step.
+follow a monotone cubic, so every value belongs to one step. The zoom may also change the
+pupil offset, the extension, the principal point and the distortion (``ZoomCurves``).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
-from mvp.errors import CalibrationError, InputError
+from mvp.errors import InputError
+from mvp.optics.motor_axis import MotorAxis
+from mvp.optics.zoom_curves import ZoomCurves, ZoomOptics
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from numpy.typing import ArrayLike
 
-    from mvp.calibrated.models import (
-        AxisTable,
-        LensTableCalibration,
-        LensValidity,
-    )
+    from mvp.calibrated.models import LensTableCalibration, LensValidity
     from mvp.geometry import FloatArray
-
-AxisName: TypeAlias = Literal["zoom", "focus", "iris"]
-
-_BISECTIONS = 50
 
 
 @dataclass(frozen=True)
 class LensSetting:
-    """What a lens does to the light, mm; names as in ``Views``."""
+    """What a lens does to the light, mm; names as in ``Views``.
+
+    Attributes:
+        f_mm: see ``Views``, like d, a and e.
+        centre_px: principal point at this setting; None: the camera's own.
+        k1: OpenCV's at this setting; None: the camera's own.
+    """
 
     f_mm: float
     d_mm: float
     a_mm: float
     e_mm: float = 0.0
+    centre_px: tuple[float, float] | None = None
+    k1: float | None = None
 
 
 @dataclass(frozen=True)
@@ -53,139 +54,6 @@ class LensSteps:
 
 
 @dataclass(frozen=True, eq=False)
-class MotorAxis:
-    """One motor: steps against a physical value, both strictly monotone.
-
-    Attributes:
-        name: zoom, focus or iris.
-        steps: (k,) nodes, sorted.
-        values_mm: (k,) values at the nodes, rising or falling.
-        valid_steps: where the table holds; None: all of it.
-    """
-
-    name: AxisName
-    steps: FloatArray
-    values_mm: FloatArray
-    valid_steps: tuple[int, int] | None = None
-
-    def __post_init__(self) -> None:
-        steps = np.asarray(self.steps, np.float64).reshape(-1)
-        values = np.asarray(self.values_mm, np.float64).reshape(-1)
-        if len(steps) != len(values) or len(steps) < 2:
-            raise CalibrationError(
-                f"lens table, {self.name}: steps and values need two or more pairs",
-                hint="measure this axis of the lens again, or restore the file",
-            )
-        order = np.argsort(steps)
-        steps, values = steps[order], values[order]
-        rises = np.diff(values)
-        if not (
-            (np.diff(steps) > 0).all() and ((rises > 0).all() or (rises < 0).all())
-        ):
-            raise CalibrationError(
-                f"lens table, {self.name}: the values do not rise or fall steadily "
-                "with the steps",
-                hint="measure this axis of the lens again, or restore the file",
-            )
-        object.__setattr__(self, "steps", steps)
-        object.__setattr__(self, "values_mm", values)
-
-    @classmethod
-    def from_table(cls, name: AxisName, table: AxisTable) -> MotorAxis:
-        """From the calibration file's model."""
-        return cls(name, np.array(table.steps, np.float64), np.array(table.values_mm))
-
-    @property
-    def range_mm(self) -> tuple[float, float]:
-        """Smallest and largest value where the table holds, mm."""
-        if self.valid_steps is None:
-            return self._whole_mm
-        ends = self.value_mm(self.range_steps)
-        return float(ends.min()), float(ends.max())
-
-    @property
-    def _whole_mm(self) -> tuple[float, float]:
-        return float(self.values_mm.min()), float(self.values_mm.max())
-
-    @property
-    def range_steps(self) -> tuple[int, int]:
-        """First and last step of the table, or where it holds."""
-        first, last = int(self.steps[0]), int(self.steps[-1])
-        if self.valid_steps is None:
-            return first, last
-        return max(first, self.valid_steps[0]), min(last, self.valid_steps[1])
-
-    def within(self, valid_steps: tuple[int, int]) -> MotorAxis:
-        """The same values, only from one step to another.
-
-        Raises:
-            CalibrationError: the table has fewer than two steps there.
-        """
-        found = replace(self, valid_steps=valid_steps)
-        first, last = found.range_steps
-        if first >= last:
-            raise CalibrationError(
-                f"lens table, {self.name}: it is said to hold from step "
-                f"{valid_steps[0]} to {valid_steps[1]}, but was measured from "
-                f"{int(self.steps[0])} to {int(self.steps[-1])}",
-                hint="measure this axis of the lens again, or restore the file",
-            )
-        return found
-
-    @property
-    def sense(self) -> int:
-        """+1 where the value rises with the steps, -1 where it falls."""
-        return 1 if self.values_mm[-1] > self.values_mm[0] else -1
-
-    @cached_property
-    def _curve(self) -> PchipInterpolator:
-        return PchipInterpolator(self.steps, self.values_mm)
-
-    def value_mm(self, steps: ArrayLike) -> FloatArray:
-        """Values at steps (also fractions); on straight lines beyond the ends."""
-        asked = np.asarray(steps, np.float64)
-        inner = np.clip(asked, self.steps[0], self.steps[-1])
-        beyond = asked - inner
-        slope = np.where(beyond < 0, *self._end_slopes())
-        return np.asarray(self._curve(inner) + slope * beyond)
-
-    def fractional_steps(self, values_mm: ArrayLike) -> FloatArray:
-        """The inverse of ``value_mm``, to 1e-9 steps."""
-        target = np.asarray(values_mm, np.float64)
-        inner = np.clip(target, *self._whole_mm)
-        rising, wanted = self.values_mm * self.sense, inner * self.sense
-        piece = np.clip(np.searchsorted(rising, wanted), 1, len(rising) - 1) - 1
-        c_3, c_2, c_1, c_0 = self._curve.c[:, piece] * self.sense
-        start = self.steps[piece]
-        low, high = np.zeros_like(start), self.steps[piece + 1] - start
-        for _ in range(_BISECTIONS):
-            t = (low + high) / 2
-            short = ((c_3 * t + c_2) * t + c_1) * t + c_0 < wanted
-            low, high = np.where(short, t, low), np.where(short, high, t)
-        beyond = target - inner
-        slope = np.where(beyond * self.sense < 0, *self._end_slopes())
-        return np.asarray(start + (low + high) / 2 + beyond / slope)
-
-    def nearest_step(self, value_mm: float) -> int:
-        """The whole step inside the table whose value is nearest."""
-        exact = float(self.fractional_steps(value_mm))
-        near = np.clip([np.floor(exact), np.ceil(exact)], *self.range_steps)
-        error = np.abs(self.value_mm(near) - value_mm)
-        return int(near[int(np.argmin(error))])
-
-    def reaches(self, value_mm: float) -> bool:
-        """Whether a value lies in the table, to half a step."""
-        exact = float(self.fractional_steps(value_mm))
-        first, last = self.range_steps
-        return first - 0.5 <= exact <= last + 0.5
-
-    def _end_slopes(self) -> tuple[float, float]:
-        """Secants of the first and last interval: never zero, unlike end tangents."""
-        secant = np.diff(self.values_mm) / np.diff(self.steps)
-        return float(secant[0]), float(secant[-1])
-
-
-@dataclass(frozen=True, eq=False)
 class LensTable:
     """A calibrated motorised lens.
 
@@ -193,8 +61,9 @@ class LensTable:
         zoom: steps to f.
         focus: steps to the extension x = d - f - tube.
         iris: steps to a.
-        pupil_offset_mm: e, the same at every setting.
+        pupil_offset_mm: e, the same at every setting unless ``by_zoom`` has it.
         tube_mm: length of the extension tube behind the lens.
+        by_zoom: what the zoom changes beside f; None: nothing.
     """
 
     zoom: MotorAxis
@@ -202,6 +71,7 @@ class LensTable:
     iris: MotorAxis
     pupil_offset_mm: float = 0.0
     tube_mm: float = 0.0
+    by_zoom: ZoomCurves | None = None
 
     @classmethod
     def from_calibration(
@@ -218,6 +88,7 @@ class LensTable:
             MotorAxis.from_table("iris", model.iris_a_mm),
             model.pupil_offset_mm,
             tube_mm,
+            None if model.by_zoom is None else ZoomCurves.from_table(model.by_zoom),
         )
 
     def with_tube(self, tube_mm: float) -> LensTable:
@@ -253,12 +124,44 @@ class LensTable:
     def extension_range_mm(self) -> tuple[float, float]:
         """Smallest and largest d - f with the tube, mm."""
         low, high = self.focus.range_mm
-        return low + self.tube_mm, high + self.tube_mm
+        ends = [self.zoom_optics(step).focus_shift_mm for step in self._zoom_nodes]
+        return low + self.tube_mm + min(ends), high + self.tube_mm + max(ends)
 
     def d_range_mm(self, f_mm: float) -> tuple[float, float]:
         """Smallest and largest d at one focal length, mm."""
-        low, high = self.extension_range_mm
-        return f_mm + low, f_mm + high
+        low, high = self.focus.range_mm
+        least = f_mm + self._shift_mm(f_mm) + self.tube_mm
+        return least + low, least + high
+
+    @property
+    def _zoom_nodes(self) -> FloatArray:
+        return self.zoom.steps if self.by_zoom is None else self.by_zoom.steps
+
+    def zoom_optics(self, zoom: float) -> ZoomOptics:
+        """What the zoom changes beside f, at a step."""
+        return ZoomOptics() if self.by_zoom is None else self.by_zoom.at(zoom)
+
+    def optics_of(self, f_mm: float) -> ZoomOptics:
+        """What the zoom changes beside f, where it gives a focal length."""
+        return self.zoom_optics(float(self.zoom.fractional_steps(f_mm)))
+
+    def _shift_mm(self, f_mm: float) -> float:
+        return 0.0 if self.by_zoom is None else self.optics_of(f_mm).focus_shift_mm
+
+    def at_focal_length(self, f_mm: float) -> LensTable:
+        """The same lens as if the zoom changed nothing but f from here on."""
+        if self.by_zoom is None:
+            return self
+        here = self.optics_of(f_mm)
+        e = here.pupil_offset_mm
+        return replace(
+            self,
+            focus=replace(
+                self.focus, values_mm=self.focus.values_mm + here.focus_shift_mm
+            ),
+            pupil_offset_mm=self.pupil_offset_mm if e is None else e,
+            by_zoom=None,
+        )
 
     def setting(self, zoom: int, focus: int, iris: int) -> LensSetting:
         """What the lens does at motor steps.
@@ -267,9 +170,16 @@ class LensTable:
             InputError: steps outside the table; the hint names the ends.
         """
         self._check_steps(LensSteps(zoom, focus, iris))
-        f = float(self.zoom.value_mm(zoom))
-        d = f + float(self.focus.value_mm(focus)) + self.tube_mm
-        return LensSetting(f, d, float(self.iris.value_mm(iris)), self.pupil_offset_mm)
+        return self.optics_at(zoom, focus, iris)
+
+    def optics_at(self, zoom: float, focus: float, iris: float) -> LensSetting:
+        """``setting`` at any place of the motors, also between and beyond steps."""
+        f, here = float(self.zoom.value_mm(zoom)), self.zoom_optics(zoom)
+        d = f + float(self.focus.value_mm(focus)) + here.focus_shift_mm + self.tube_mm
+        e, a = here.pupil_offset_mm, float(self.iris.value_mm(iris))
+        return LensSetting(
+            f, d, a, self.pupil_offset_mm if e is None else e, here.centre_px, here.k1
+        )
 
     def steps(self, f_mm: float, d_mm: float, a_mm: float) -> LensSteps:
         """Nearest whole motor steps; focus makes good what rounding did to f.
@@ -305,28 +215,26 @@ class LensTable:
         Returns:
             0.0 if the bare lens does it, None if no tube does.
         """
+        shift = self._shift_mm(f_mm)
         for tube in sorted({0.0, *tubes_mm}):
-            if self.focus.reaches(d_mm - f_mm - tube):
+            if self.focus.reaches(d_mm - f_mm - shift - tube):
                 return tube
         return None
 
     def _nearest_steps(self, f_mm: float, d_mm: float, a_mm: float) -> LensSteps:
         zoom = self.zoom.nearest_step(f_mm)
-        extension = d_mm - float(self.zoom.value_mm(zoom)) - self.tube_mm
+        shift = self.zoom_optics(zoom).focus_shift_mm
+        extension = d_mm - float(self.zoom.value_mm(zoom)) - shift - self.tube_mm
         return LensSteps(
             zoom, self.focus.nearest_step(extension), self.iris.nearest_step(a_mm)
         )
 
     def _out_of_reach(self, f_mm: float, d_mm: float, a_mm: float) -> list[str]:
         d_low, d_high = self.d_range_mm(f_mm)
+        extension = d_mm - f_mm - self._shift_mm(f_mm) - self.tube_mm
         wanted = (
             ("f", f_mm, self.zoom.reaches(f_mm), self.f_range_mm),
-            (
-                "d",
-                d_mm,
-                self.focus.reaches(d_mm - f_mm - self.tube_mm),
-                (d_low, d_high),
-            ),
+            ("d", d_mm, self.focus.reaches(extension), (d_low, d_high)),
             ("a", a_mm, self.iris.reaches(a_mm), self.a_range_mm),
         )
         return [

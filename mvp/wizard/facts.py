@@ -16,11 +16,11 @@ from mvp.calibrated import (
 )
 from mvp.fileedge import FileModel
 from mvp.geometry import Pose
-from mvp.kinematics import tool_from_camera_at
-from mvp.optics import Intrinsics, LensTable, Sensor
+from mvp.kinematics import intrinsics_of, sensor_of, tool_from_camera_at
+from mvp.optics import LensTable
 
 if TYPE_CHECKING:
-    from mvp.optics import LensSetting
+    from mvp.optics import Intrinsics, LensSetting, Sensor
 
 FACTS_SCHEMA: Literal["mvp-cell/calibration-session/1"] = (
     "mvp-cell/calibration-session/1"
@@ -98,28 +98,16 @@ class SessionFacts(FileModel):
     @property
     def sensor(self) -> Sensor:
         """Size and pitch of the pixels."""
-        found = self.camera
-        return Sensor(
-            found.width_px,
-            found.height_px,
-            found.pitch_x_um / 1000,
-            found.pitch_y_um / 1000,
-        )
+        return sensor_of(self.camera)
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """The camera as it is believed to be."""
-        found = self.camera
-        return Intrinsics(
-            self.sensor,
-            found.centre_x_px,
-            found.centre_y_px,
-            found.k1,
-            found.k2,
-            found.p1,
-            found.p2,
-            found.k3,
-        )
+        """The camera as it is believed to be, unless the zoom changes it."""
+        return intrinsics_of(self.camera)
+
+    def intrinsics_at(self, lens: LensSetting) -> Intrinsics:
+        """The camera as it is believed to be, at a lens setting."""
+        return self.intrinsics.at(lens.centre_px, lens.k1)
 
     @property
     def table(self) -> LensTable:

@@ -184,7 +184,7 @@ def test_faint_lines_are_named_in_one_plain_note():
 def test_the_roll_with_the_largest_rank_comes_first(planned: Planned):
     realised = planned.found.views[0]
     arm = planned.setting.arm
-    where = arm.placement(realised.setting.d_mm, realised.problem.key_points_mm)
+    where = arm.placement(realised.setting, realised.problem.key_points_mm)
     pose = realised.view.part_from_camera()
     plain = realisations(where, pose)
     assert isinstance(plain, tuple)

@@ -97,7 +97,7 @@ def _simulated(
         f_mm=view.f_mm,
         a_mm=view.a_mm,
         e_mm=view.pupil_offset_mm,
-        intrinsics=setting.factory.intrinsics,
+        intrinsics=setting.factory.intrinsics_at(view.f_mm),
         light=illumination(setting.cell.config.light),
     )
     white = max(float(np.percentile(image.grey, _GREY_PERCENTILE)), 1e-9)
