@@ -35,15 +35,18 @@ def homing_of(axes: Sequence[GantryAxis], report: Report) -> Homing:
     declared = [axis for axis in axes if axis.declared]
     if not declared:
         return Homing(words)
-    believed = ", ".join(_believed(axis, report) for axis in declared)
-    words += f" Nothing measures these axes, they are believed to be at {believed}."
+    believed = tuple(_believed(axis, report) for axis in declared)
+    words += (
+        " Nothing measures these axes, they are believed to be at "
+        f"{', '.join(believed)}."
+    )
     away = tuple(axis.letter for axis in _away(axes, report))
     if away:
         words += (
             f" After that {', '.join(away)} turn back to their marks, if that way is "
             "clear."
         )
-    return Homing(words, away)
+    return Homing(words, away, believed)
 
 
 def beside_slides(axes: Sequence[GantryAxis]) -> list[str]:

@@ -35,12 +35,17 @@ _ARM_SPARE_S = 15.0
 
 
 class HomeDocument(FileModel):
-    """Where arm and lens stand now."""
+    """Where arm and lens stand now.
+
+    ``believed_axes``: those that nothing measures, with the place where each was taken
+    to be before homing, and by whose word.
+    """
 
     schema_: Literal["mvp-cell/home/1"] = Field(default=HOME_SCHEMA, alias="schema")
     cell: str
     joints: list[float]
     lens_steps: dict[str, int]
+    believed_axes: dict[str, str] = Field(default_factory=dict)
 
 
 def home_cell(
@@ -48,11 +53,20 @@ def home_cell(
     task: LoadedTask,
     allow: Callable[[Motion], bool],
     tell: Tell = unheard,
+    *,
+    word: str = "the calling program",
 ) -> HomeDocument:
     """Move both home; on Ctrl-C both are stopped.
 
     An arm that knows where it is moves only when there is a clear path; another one
     drives to its references first. A real arm moves at the speed that a run begins with.
+
+    Args:
+        cell: whose arm and lens.
+        task: what stands in it.
+        allow: asked once before the first motion.
+        tell: hears what takes time.
+        word: whose word ``allow`` is, for axes that nothing measures.
 
     Raises:
         ConfigError: the cell says that it is simulated, and is not.
@@ -79,7 +93,7 @@ def home_cell(
         going = _Going(setting, devices, start_speed(setting, devices, infos), tell)
         with stopped_on_error(devices, going.under_way, tell):
             arm, lens = call_beside(going.home, devices.stop)
-    return _document(cell, arm, lens)
+    return _document(cell, arm, lens, motion.believed(word))
 
 
 @dataclass(eq=False)
@@ -138,9 +152,12 @@ def _path_home(setting: Setting, devices: CellDevices) -> FloatArray:
     return np.asarray(path.waypoints[1:])
 
 
-def _document(cell: LoadedCell, arm: ArmState, lens: LensState) -> HomeDocument:
+def _document(
+    cell: LoadedCell, arm: ArmState, lens: LensState, believed: dict[str, str]
+) -> HomeDocument:
     return HomeDocument(
         cell=cell.config.name,
         joints=[float(j) for j in arm.joints],
         lens_steps=lens.steps(),
+        believed_axes=believed,
     )

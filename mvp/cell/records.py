@@ -57,6 +57,8 @@ class RunStarted(_Record):
     """The run began, or began again after a crash.
 
     ``cell_file`` is where the cell was found, for the command that resumes the run.
+    ``believed_axes``: axes that nothing measures, each with the place where it was taken
+    to be before homing, and by whose word.
     """
 
     type: Literal["run_started"] = "run_started"
@@ -66,6 +68,7 @@ class RunStarted(_Record):
     inputs: InputHashes
     devices: list[DeviceRecord]
     accepted_calibration: dict[str, str] = Field(default_factory=dict)
+    believed_axes: dict[str, str] = Field(default_factory=dict)
     version: str
     cell_file: str = ""
 

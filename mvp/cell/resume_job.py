@@ -155,6 +155,7 @@ def _again(first: RunStarted, session: Session) -> RunStarted:
         inputs=first.inputs,
         devices=device_records(session.infos),
         accepted_calibration=session.accepted,
+        believed_axes=session.believed,
         version=version("mvp-cell"),
         cell_file=str(session.setting.cell.source.path),
     )

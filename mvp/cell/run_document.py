@@ -82,6 +82,7 @@ class RunDocument(FileModel):
 
     ``may_still_move`` is what was under way as the run ended early, ``stands`` what was
     seen to stand a moment later. ``located``: of a run that looked for the part first.
+    ``believed_axes``: those that nothing measures, and by whose word they are there.
     """
 
     schema_: Literal["mvp-cell/run/1"] = Field(default=RUN_SCHEMA, alias="schema")
@@ -101,6 +102,7 @@ class RunDocument(FileModel):
     inputs: InputHashes | None = None
     devices: list[DeviceRecord] = Field(default_factory=list)
     accepted_calibration: dict[str, str] = Field(default_factory=dict)
+    believed_axes: dict[str, str] = Field(default_factory=dict)
     located: LocatedDocument | None = None
     fault: str | None = None
     may_still_move: str | None = None
@@ -198,6 +200,7 @@ def run_document(
         located=None if located is None else _located(located),
         devices=starts[-1].devices,
         accepted_calibration=starts[-1].accepted_calibration,
+        believed_axes=starts[-1].believed_axes,
         fault=faults[-1].message if faults else None,
         may_still_move=(faults[-1].may_still_move or None) if faults else None,
         stands=stands or None,

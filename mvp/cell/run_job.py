@@ -192,6 +192,7 @@ def _begin(session: Session, folder: RunFolder, plan: Plan, part_id: str) -> Rec
             inputs=input_hashes(setting, text),
             devices=device_records(session.infos),
             accepted_calibration=session.accepted,
+            believed_axes=session.believed,
             version=version("mvp-cell"),
             cell_file=str(setting.cell.source.path),
         )

@@ -72,6 +72,11 @@ class Motion:
         """Every device says that it is simulated."""
         return all(info.simulated for info in self.infos.values())
 
+    def believed(self, word: str) -> dict[str, str]:
+        """Axes that nothing measures, with their places, and by whose word."""
+        by = "nobody: everything is simulated" if self.simulated else word
+        return dict.fromkeys(self.homing.believed if self.homing else (), by)
+
 
 @dataclass(frozen=True)
 class Watcher:
@@ -85,6 +90,7 @@ class Watcher:
         on_end: told how the run ended, before anything else is written.
         on_rest: told a moment later what stands then, and what may still be moving.
         on_phase: told what is being done before the first motion.
+        word: whose word it is that axes which nothing measures are at their places.
     """
 
     allow: Callable[[Motion], bool]
@@ -93,6 +99,7 @@ class Watcher:
     on_end: Callable[[RunFolder, RunOutcome], None] | None = None
     on_rest: Callable[[RunOutcome], None] | None = None
     on_phase: Tell = unheard
+    word: str = "the calling program"
 
     def tell_rest(self, outcome: RunOutcome) -> None:
         """Tell what stands; a failure to do so never spoils the run."""
@@ -179,6 +186,7 @@ class Session:
 
     Attributes:
         accepted: calibrations that a person takes the responsibility for.
+        believed: axes that nothing measures, by whose word.
     """
 
     setting: Setting
@@ -187,6 +195,7 @@ class Session:
     routes: Routes
     watcher: Watcher
     accepted: dict[str, str] = field(default_factory=dict)
+    believed: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def open(
@@ -227,7 +236,8 @@ class Session:
         if homing is not None:
             _home(setting, devices, tell)
             routes.check_all(devices.arm.state().joints, views)
-        return cls(setting, devices, infos, routes, watcher, accepted)
+        believed = motion.believed(watcher.word)
+        return cls(setting, devices, infos, routes, watcher, accepted, believed)
 
     def drive(
         self,
@@ -299,6 +309,8 @@ class Session:
             ", ".join(view.id for view in views),
         )
         log_devices(self.infos.values())
+        for axis, word in self.believed.items():
+            _LOG.warning("run: axis %s: believed on the word of %s", axis, word)
 
     def _engine(self, folder: RunFolder, views: Sequence[PlannedView]) -> CellEngine:
         settle = self.setting.cell.config.settle

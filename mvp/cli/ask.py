@@ -24,6 +24,7 @@ def allow_motion(motion: Motion, *, yes: bool) -> bool:
     if yes:
         _refuse_unseen(motion)
         _tell_homing(motion)
+        _tell_whose_word(motion, whose_word(yes=True))
         return True
     if not terminal():
         raise UsageError(
@@ -40,7 +41,13 @@ def allow_motion(motion: Motion, *, yes: bool) -> bool:
         style="bold yellow",
         markup=False,
     )
+    _tell_whose_word(motion, "whoever answers y")
     return ask("Move now? [y/N] ").strip().lower() in ("y", "yes")
+
+
+def whose_word(*, yes: bool) -> str:
+    """Who allows motion, and answers for what nothing measures; for the record."""
+    return "whoever gave --yes" if yes else "the person at the terminal"
 
 
 def _errand(motion: Motion) -> str:
@@ -53,6 +60,16 @@ def _tell_homing(motion: Motion) -> None:
     """What moves where before anything else, and what is only believed."""
     if motion.homing is not None:
         console().print(motion.homing.words, style="bold yellow", markup=False)
+
+
+def _tell_whose_word(motion: Motion, word: str) -> None:
+    """What nobody has seen is a person's responsibility, and it is said which."""
+    for axis in motion.homing.believed if motion.homing is not None else ():
+        console().print(
+            f"axis {axis}: nothing measures it; it is so on the word of {word}",
+            style="bold yellow",
+            markup=False,
+        )
 
 
 def _refuse_unseen(motion: Motion) -> None:

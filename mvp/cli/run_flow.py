@@ -18,7 +18,7 @@ from mvp.cell.run_job import RunOptions, dry_run, require_runnable, start_run
 from mvp.cell.session import Motion, RunResult, Watcher
 from mvp.cell.simulation import refuse_other_task
 from mvp.cell.states import RunState, RunStatus
-from mvp.cli.ask import allow_motion, ask, terminal
+from mvp.cli.ask import allow_motion, ask, terminal, whose_word
 from mvp.cli.naming import name_cell
 from mvp.cli.output import (
     console,
@@ -151,7 +151,13 @@ class RunFlow:
 
     def _watcher(self) -> Watcher:
         return Watcher(
-            self._allow, self._follow, _show, self._tell_end, _tell_rest, phase
+            self._allow,
+            self._follow,
+            _show,
+            self._tell_end,
+            _tell_rest,
+            phase,
+            whose_word(yes=self.yes),
         )
 
     def _tell_end(self, folder: RunFolder, outcome: RunOutcome) -> None:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from mvp.cli.output import console
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from mvp.cell.run_document import RunDocument, ViewDocument
     from mvp.planning.plan import Margin, Plan, PlannedView
 
@@ -82,6 +84,13 @@ def print_run(document: RunDocument) -> None:
     )
     if document.folder:
         lines.print(f"kept in {document.folder}", markup=False)
+    tell_believed(document.believed_axes)
+
+
+def tell_believed(believed_axes: Mapping[str, str]) -> None:
+    """Axes that nothing measures, and by whose word they are where they are."""
+    for axis, word in believed_axes.items():
+        console().print(f"axis {axis}: on the word of {word}", markup=False)
 
 
 def _view_line(view: PlannedView) -> str:

@@ -202,10 +202,13 @@ class Homing:
         words: what moves where, and what a person must have seen to.
         away: axes that nothing measures and that are counted away from their marks:
             homing drives them back.
+        believed: every axis that nothing measures, with where it is taken to be; a
+            person answers for it.
     """
 
     words: str
     away: tuple[str, ...] = ()
+    believed: tuple[str, ...] = ()
 
 
 @runtime_checkable

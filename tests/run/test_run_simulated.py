@@ -56,9 +56,12 @@ def test_a_gantry_that_is_homed_an_scf4_lens_and_a_network_camera(
     assert first.simulated
     assert [device.driver for device in first.devices] == ["gantry", "scf4", "opencv"]
     assert all(device.simulated for device in first.devices)
+    assert [axis[0] for axis in first.believed_axes] == ["A", "B"]
+    assert set(first.believed_axes.values()) == {"nobody: everything is simulated"}
 
 
 def test_a_gantry_goes_home(capsys: pytest.CaptureFixture[str]) -> None:
     assert invoke(["home", "simulated_gantry", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["joints"] == pytest.approx([150, -250, 480, 0, 0], abs=1e-2)
+    assert [axis[0] for axis in document["believed_axes"]] == ["A", "B"]

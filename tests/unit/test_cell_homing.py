@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, cast
 
@@ -165,6 +166,34 @@ def test_yes_on_the_command_line_cannot_say_where_an_axis_stands(
     assert "It moves." in capsys.readouterr().err
     with pytest.raises(UsageError, match="A of cell are counted away"):
         asking.allow_motion(a_motion(Homing("It moves.", ("A",))), yes=True)
+
+
+BELIEVED = ("A 0 (its mark)", "B 12.5 (its mark)")
+
+
+def test_what_is_believed_is_said_with_whose_word_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    motion = a_motion(Homing("It moves.", believed=BELIEVED))
+    assert asking.allow_motion(motion, yes=True)
+    told = " ".join(capsys.readouterr().err.split())
+    for axis in BELIEVED:
+        assert f"axis {axis}: nothing measures it" in told
+    assert told.count("on the word of whoever gave --yes") == 2
+    assert asked_about(motion, monkeypatch)
+    told = " ".join(capsys.readouterr().err.split())
+    assert told.count("on the word of whoever answers y") == 2
+
+
+def test_what_is_believed_is_kept_with_whose_word_it_is() -> None:
+    motion = a_motion(Homing("It moves.", believed=BELIEVED))
+    assert motion.believed("the person") == dict.fromkeys(BELIEVED, "the person")
+    info = replace(motion.infos["arm"], simulated=True)
+    simulated = replace(motion, infos={"arm": info})
+    assert set(simulated.believed("the person").values()) == {
+        "nobody: everything is simulated"
+    }
+    assert a_motion(None).believed("the person") == {}
 
 
 def jogger_of(arm: Slides, simulated: frozenset[str] = frozenset()) -> Jogger:

@@ -92,6 +92,7 @@ def test_an_axis_at_its_mark_moves_nothing_of_ours(gantry_bench: Make) -> None:
     arm.open()
     assert arm.homing().away == ()
     assert "(its mark)" in arm.homing().words
+    assert arm.homing().believed == ("A 0 (its mark)", "B 0 (its mark)")
     arm.home(timeout_s=60)
     assert arm.homed
     assert b"G1" not in bench.sent

@@ -162,6 +162,10 @@ def _facts(plan: Plan, run: RunDocument) -> list[tuple[str, str]]:
         (f"accepted calibration: {name}", reason)
         for name, reason in run.accepted_calibration.items()
     ]
+    facts += [
+        (f"axis {axis}", f"nothing measures it; on the word of {word}")
+        for axis, word in run.believed_axes.items()
+    ]
     return facts
 
 
