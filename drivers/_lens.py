@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -24,15 +24,18 @@ from mvp.errors import (
 from mvp.fileedge import FileModel
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from mvp.calibrated import AxisTable
-    from mvp.devices import Clock, Link
+    from mvp.devices import Clock, Link, Session
 
 _LOG = logging.getLogger(__name__)
 _RUN_UP = 1.5  # of the backlash, so that the last leg has taken it up for certain
 _RUN_UP_STEPS = 4
+_ASKED_AGAIN = 3
+
+_T = TypeVar("_T")
 
 Steps: TypeAlias = "dict[Axis, int]"
 
@@ -286,7 +289,36 @@ class Pace:
     def require_going(self) -> None:
         """Raise ``MotionStopped`` when a stop was asked for."""
         if self._link.interrupted:
-            raise MotionStopped("stopped while it moved", device=self._name)
+            raise stopped(self._name)
+
+    def require_ready(self, session: Session) -> None:
+        """Just before an order that moves: in step, and still not told to stop.
+
+        Getting into step takes its time, and a stop may come meanwhile.
+
+        Raises:
+            MotionStopped: a stop was asked for.
+            DeviceTimeout, LinkLost, WireError: it does not get into step.
+        """
+        self.require_going()
+        if session.out_of_step:
+            session.resync()
+            self.require_going()
+
+
+def stopped(name: str) -> MotionStopped:
+    """What a motion, and a question that waits meanwhile, end in."""
+    return MotionStopped("stopped while it moved", device=name)
+
+
+def despite_stops(ask: Callable[[], _T]) -> _T:
+    """The answer for one who only looks: a stop ends a question, not the looking."""
+    for _ in range(_ASKED_AGAIN):
+        try:
+            return ask()
+        except MotionStopped:
+            continue
+    return ask()
 
 
 def not_homed(name: str) -> LimitError:

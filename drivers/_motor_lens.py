@@ -10,9 +10,16 @@ from __future__ import annotations
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, ClassVar, Protocol, Self
 
-from drivers._lens import Deadline, Pace, not_homed, steps_of, warn_untried
+from drivers._lens import (
+    Deadline,
+    Pace,
+    despite_stops,
+    not_homed,
+    steps_of,
+    warn_untried,
+)
 from mvp.devices import Link, link_resource, require_real_time
-from mvp.errors import DeviceError, LinkLost
+from mvp.errors import DeviceError, DeviceTimeout, LinkLost, MotionStopped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -138,7 +145,7 @@ class MotorLens:
             LinkLost, DeviceTimeout, WireError: no sensible answer.
         """
         self._require_link()
-        return self._controller.state()
+        return despite_stops(self._controller.state)
 
     def home(self, *, timeout_s: float) -> LensState:
         """Find the reference of every axis. Moves.
@@ -213,9 +220,20 @@ class MotorLens:
 
     @contextmanager
     def _moving(self) -> Iterator[None]:
-        """One move at a time; the traffic is written down when it fails."""
+        """One move at a time; the traffic is written down when it fails.
+
+        Raises:
+            MotionStopped: a stop was asked for, and then no answer came.
+        """
         with self._controller.session.dumping(), self._link.busy(_nothing_yet):
-            yield
+            try:
+                yield
+            except DeviceTimeout as error:
+                if not self._link.interrupted:
+                    raise
+                raise MotionStopped(
+                    f"stopped; {error.detail}", device=self.name, hint=error.hint
+                ) from error
 
     def _connect(self) -> None:
         self._controller.axes.ranges()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
-from drivers._lens import LensConfig, Steps
+from drivers._lens import LensConfig, Steps, stopped
 from mvp.devices import Axis, DeviceContext, LineFramer, Session, Take, text
 from mvp.errors import ConnectError, DeviceError, DeviceFault, DeviceTimeout, WireError
 from mvp.fileedge import FileModel
@@ -170,6 +170,16 @@ class Scf4Wire:
         """
         for line in lines:
             self._order(line)
+
+    def stop_now(self) -> None:
+        """``M0`` past a command that waits, which ends; its own answer is not awaited.
+
+        Raises:
+            LinkLost, ConnectError, DeviceTimeout: it cannot be sent.
+        """
+        self.session.send(b"M0\n")
+        self.session.abort(stopped(self.name), in_step=False)
+        self.session.fall_out_of_step()
 
     def status(self) -> Scf4Status:
         """Positions, sensors and motion; asked again when the answer was disturbed.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from drivers._lens import LensConfig
+from drivers._lens import LensConfig, stopped
 from mvp.devices import DelimiterFramer, DeviceContext, Session, Take
 from mvp.errors import ConnectError, DeviceError, DeviceFault, DeviceTimeout, WireError
 
@@ -26,6 +26,7 @@ _LOG = logging.getLogger(__name__)
 _END = b"\xff"
 _LONGEST = 16
 _TRIES = 3
+_SOCKETS = (1, 2)
 _ACK, _COMPLETION, _ERROR = 0x40, 0x50, 0x60
 _CANCELLED, _NO_SOCKET = 0x04, 0x05
 SYNTAX, BUSY, NOT_NOW = 0x02, 0x03, 0x41
@@ -220,12 +221,24 @@ class ViscaWire:
         )
         return command
 
-    def cancel_all(self) -> None:
-        """Cancel every open command; best effort, its end is told by the device."""
+    def stop_now(self, *whats: bytes) -> None:
+        """Cancel what is open and send commands, past one that waits, which ends.
+
+        No answer is awaited. Cancelling first leaves a socket for each command; where
+        one was never acknowledged, it may be in either.
+
+        Raises:
+            LinkLost, ConnectError, DeviceTimeout: it cannot be sent.
+        """
         with self._lock:
-            numbers = list(self._sockets)
+            unplaced = () if self._unplaced is None else _SOCKETS
+            numbers = sorted({*self._sockets, *unplaced})
         for number in numbers:
             self.session.send(self._packet(bytes([0x20 | number])))
+        for what in whats:
+            self.session.send(self._packet(b"\x01" + what))
+        self.session.abort(stopped(self.name), in_step=False)
+        self.session.fall_out_of_step()
 
     def forget(self, command: Command) -> None:
         """Wait for its completion no longer."""
@@ -274,11 +287,18 @@ class ViscaWire:
             return Take.DONE
         if kind == _ERROR and len(frame) == 4 and frame[2] != _CANCELLED:
             command.refused = frame[2]
+            self._place()
             return Take.DONE
         if kind == _COMPLETION and len(frame) == 3 and not self._is_open(socket):
             command.ended = True
+            self._place()
             return Take.DONE
         return Take.OTHER
+
+    def _place(self) -> None:
+        """The last command is in no socket: it was refused, or has ended."""
+        with self._lock:
+            self._unplaced = None
 
     def _unasked(self, frame: bytes) -> bool:
         """Ends of open commands, and the message that the device was switched on."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import logging
 import threading
+from functools import partial
 from typing import TYPE_CHECKING
 
-from drivers._lens import Deadline, Pace
+from drivers._lens import Deadline, Pace, despite_stops
 from drivers._visca import BUSY, NOT_NOW, SYNTAX, Command, ViscaWire, nibbles
 from mvp.devices import AXES, Axis
 from mvp.errors import DeviceError, DeviceFault
@@ -121,10 +122,11 @@ class ViscaMotion:
             DeviceFault: refused; with ``may_lack`` the caller sees that itself where
                 it does not know the command or cannot do it now.
         """
-        self._pace.require_going()
+        self._pace.require_ready(self._wire.session)
         command = self._wire.command(what)
         while command.refused == BUSY:
             self._pace.pause(_BUSY_S, deadline)
+            self._pace.require_ready(self._wire.session)
             command = self._wire.command(what)
         if command.refused and not (may_lack and command.refused in (SYNTAX, NOT_NOW)):
             raise self._wire.refusal(command.refused, what.hex(" "))
@@ -188,22 +190,33 @@ class ViscaMotion:
             last = place
             self._pace.pause(_POLL_S, deadline)
 
-    def send_stops(self) -> None:
-        for what in _STOPS:
-            self._wire.command(what)
-        self._wire.cancel_all()
+    def stop_now(self) -> None:
+        """Stop zoom and focus, whatever waits for an answer."""
+        self._wire.stop_now(*_STOPS)
 
     def halt(self) -> None:
         """Stop, and wait until it stands; best effort after a fault."""
-        end = Deadline(self._clock, _HALT_S)
-        never = threading.Event()
         try:
-            self.send_stops()
-            before: list[int] = []
-            while (now := [self.read(axis) for axis in AXES]) != before:
-                before = now
-                if end.passed:
-                    break
-                self._clock.wait(never, _POLL_S)
+            self.stop_now()
+            if not self._until_standing(Deadline(self._clock, _HALT_S)):
+                _LOG.error("%s: still moves", self._name)
         except DeviceError as error:
             _LOG.error("%s: may still move: %s", self._name, error.detail)
+
+    def _until_standing(self, deadline: Deadline) -> bool:
+        """Two equal readings; told again to stop, as the word may have been lost."""
+        never = threading.Event()
+        despite_stops(self._wire.session.resync)
+        before = self._places()
+        while True:
+            self._clock.wait(never, _POLL_S)
+            now = self._places()
+            if now == before:
+                return True
+            if deadline.passed:
+                return False
+            before = now
+            self.stop_now()
+
+    def _places(self) -> list[int]:
+        return [despite_stops(partial(self.read, axis)) for axis in AXES]

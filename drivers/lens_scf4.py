@@ -12,9 +12,17 @@ import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, ClassVar
 
-from drivers._lens import Deadline, LensAxes, Pace, Steps, state_of
+from drivers._lens import Deadline, LensAxes, Pace, Steps, despite_stops, state_of
 from drivers._motor_lens import MotorLens
-from drivers._scf4 import COUNTER, UPPER, Scf4Config, Scf4Motor, Scf4Wire, words
+from drivers._scf4 import (
+    COUNTER,
+    UPPER,
+    Scf4Config,
+    Scf4Motor,
+    Scf4Status,
+    Scf4Wire,
+    words,
+)
 from mvp.devices import AXES, Axis, DeviceContext, DeviceInfo, LensState, Role
 from mvp.errors import DeviceError, DeviceFault
 
@@ -121,7 +129,7 @@ class Scf4Lens:
             self._set_up()
             for axis in self._config.home_order:
                 self._home_axis(axis, deadline)
-            self._wire.order("M239", "G90")
+            self._order("M239", "G90")
         self._stand(homed=True)
 
     def move(self, legs: Sequence[Steps], targets: Steps, deadline: Deadline) -> None:
@@ -142,8 +150,8 @@ class Scf4Lens:
         self._stand(homed=True, at=targets)
 
     def stop(self) -> None:
-        """Stop all motors; the counters stay right."""
-        self._wire.order("M0")
+        """Stop all motors, whatever waits for an answer; the counters stay right."""
+        self._wire.stop_now()
 
     def forget_home(self) -> None:
         """Where the motors are is not known any more."""
@@ -159,10 +167,16 @@ class Scf4Lens:
             self._homed = homed and not self._wire.session.is_lost
             self._expected = dict(steps)
 
+    def _order(self, *lines: str) -> None:
+        """Orders of a motion; none goes out after a stop."""
+        for line in lines:
+            self._pace.require_ready(self._wire.session)
+            self._wire.order(line)
+
     def _set_up(self) -> None:
         """Reset the driver chip and tell it everything that it forgets."""
         motors = self._motors.values()
-        self._wire.order(
+        self._order(
             "$B2",
             words("M234", {m.letter: m.run_current for m in motors}),
             words("M235", {m.letter: m.idle_current for m in motors}),
@@ -174,8 +188,8 @@ class Scf4Lens:
             words("M240", {m.letter: self._config.step_period for m in motors}),
         )
         if self._config.micro_steps is not None:
-            self._wire.order(f"M243 C{self._config.micro_steps}")
-        self._wire.order("M238", "M230 A", "M230 B", "M230 C", "G91")
+            self._order(f"M243 C{self._config.micro_steps}")
+        self._order("M238", "M230 A", "M230 B", "M230 C", "G91")
 
     def _home_axis(self, axis: Axis, deadline: Deadline) -> None:
         _LOG.info("%s: homing %s", self.name, axis)
@@ -184,14 +198,14 @@ class Scf4Lens:
         else:
             self._home_on_stop(axis, deadline)
         motor = self._motors[axis]
-        self._wire.order(f"G92 {motor.letter}{motor.home_step}", f"M230 {motor.letter}")
+        self._order(f"G92 {motor.letter}{motor.home_step}", f"M230 {motor.letter}")
 
     def _home_on_sensor(self, axis: Axis, deadline: Deadline) -> None:
         """To the edge, back off, and to the edge again, always upwards."""
         letter = self._motors[axis].letter
         inside = self._wire.status().sensor[axis]
         self._seek(axis, deadline, upwards=not inside)
-        self._wire.order(f"M230 {letter}")
+        self._order(f"M230 {letter}")
         self._shift(axis, -_BACK_OFF_STEPS, deadline)
         if self._wire.status().sensor[axis]:
             raise DeviceFault(
@@ -206,7 +220,7 @@ class Scf4Lens:
         """Run until the sensor changes to ``upwards``; the count is ignored."""
         letter = self._motors[axis].letter
         steps = _SEEK_STEPS if upwards else -_SEEK_STEPS
-        self._wire.order(f"M231 {letter}", f"G0 {letter}{steps:+d}")
+        self._order(f"M231 {letter}", f"G0 {letter}{steps:+d}")
         while True:
             self._pace.pause(_POLL_S, deadline)
             status = self._wire.status()
@@ -218,21 +232,21 @@ class Scf4Lens:
         motor = self._motors[axis]
         low, high = self.axes.ranges()[axis].reach
         beyond = round(_BEYOND * (high - low))
-        self._wire.order(words("M234", {motor.letter: self._config.stop_current}))
+        self._order(words("M234", {motor.letter: self._config.stop_current}))
         self._shift(axis, -beyond, deadline)
-        self._wire.order(words("M234", {motor.letter: motor.run_current}))
+        self._order(words("M234", {motor.letter: motor.run_current}))
 
     def _shift(self, axis: Axis, steps: int, deadline: Deadline) -> None:
         """Relative move of one axis."""
         target = (self._wire.status().steps[axis] + steps) % COUNTER
-        self._wire.order(f"G0 {self._motors[axis].letter}{steps:+d}")
+        self._order(f"G0 {self._motors[axis].letter}{steps:+d}")
         self._arrive({axis: target}, deadline)
 
     def _travel(self, leg: Steps, deadline: Deadline) -> None:
         """Absolute move of some axes at once."""
         _LOG.debug("%s: towards %s", self.name, leg)
         steps = {self._motors[axis].letter: step for axis, step in leg.items()}
-        self._wire.order("G90", words("G0", steps))
+        self._order("G90", words("G0", steps))
         self._arrive(leg, deadline)
 
     def _arrive(self, target: Mapping[Axis, int], deadline: Deadline) -> None:
@@ -275,14 +289,24 @@ class Scf4Lens:
 
     def _halt(self) -> None:
         """Stop the motors and wait until they stand; best effort after a fault."""
-        deadline = Deadline(self._clock, _HALT_S)
-        never = threading.Event()
         try:
-            self._wire.order("M0")
-            while not self._wire.status().standing and not deadline.passed:
-                self._clock.wait(never, _POLL_S)
+            status = self._stopped(Deadline(self._clock, _HALT_S))
+            if not status.standing:
+                _LOG.error("%s: still moves", self.name)
             with self._lock:
                 homed = self._homed
-            self._stand(homed=homed)
+            self._stand(homed=homed and status.standing, at=status.steps)
         except DeviceError as error:
             _LOG.error("%s: may still move: %s", self.name, error.detail)
+            self.forget_home()
+
+    def _stopped(self, deadline: Deadline) -> Scf4Status:
+        """Tell them to stop until they do; the word may have been lost on the way."""
+        never = threading.Event()
+        while True:
+            self._wire.stop_now()
+            self._clock.wait(never, _POLL_S)
+            despite_stops(self._wire.session.resync)
+            status = despite_stops(self._wire.status)
+            if status.standing or deadline.passed:
+                return status

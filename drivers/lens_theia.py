@@ -233,7 +233,7 @@ class TheiaLens:
         Raises:
             DeviceTimeout: no answer; where the motor is, is unknown from now on.
         """
-        self._pace.require_going()
+        self._pace.require_ready(self._wire.session)
         if expected_s > deadline.left_s:
             raise DeviceTimeout(
                 "no time is left for the next motion; nothing more was sent",

@@ -140,8 +140,8 @@ class ViscaLens:
             self._check_reached(targets)
 
     def stop(self) -> None:
-        """Stop zoom and focus; the iris needs no stopping."""
-        self._motion.send_stops()
+        """Stop zoom and focus at once; the iris needs no stopping."""
+        self._motion.stop_now()
 
     def forget_home(self) -> None:
         """Where the motors are is not known any more."""

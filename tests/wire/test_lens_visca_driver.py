@@ -84,6 +84,7 @@ def commands(far_end: FarEnd) -> list[str]:
 
 ZOOM_512 = "81 01 04 47 00 02 00 00 FF"
 STOPS = ["81 01 04 07 00 FF", "81 01 04 08 00 FF"]
+CLEAR = "81 01 00 01 FF"
 
 
 def test_opening_gives_addresses_empties_the_sockets_and_asks(far_end: FarEnd) -> None:
@@ -179,7 +180,7 @@ def test_a_refusal_is_a_fault_with_its_code_and_everything_is_stopped(
         with pytest.raises(DeviceFault, match=word) as caught:
             lens.move_steps(zoom=0x200, focus=0x7000, iris=5, timeout_s=60)
         assert caught.value.code == answer.split()[2].lower()
-        assert commands(far_end) == [ZOOM_512, *STOPS]
+        assert commands(far_end) == [ZOOM_512, *STOPS, CLEAR]
 
 
 def test_an_acknowledged_command_that_fails_later_is_a_fault(

@@ -69,6 +69,17 @@ class Bench:
         """How many motions the far end was ever asked for."""
         return int(str(self._faults.do("state")["moves_begun"]))
 
+    def place(self) -> tuple[float, ...]:
+        """Where the far end truly is, in units of its own."""
+        state = self._faults.do("state")
+        found = state.get("truth", state.get("joints", state.get("places")))
+        values = found.values() if isinstance(found, dict) else found
+        return tuple(float(value) for value in values)  # type: ignore[union-attr]
+
+    def is_far(self, place: tuple[float, ...]) -> bool:
+        """Whether a place is the target of ``go_far``, in units of its own."""
+        return False
+
     def under_way(self) -> Callable[[], bool]:
         """To be asked after an action was begun: whether the far end is at it."""
         before = self.motions()
@@ -143,6 +154,10 @@ class LensBench(Bench):
         """Move there."""
         steps = {axis: int(n) for axis, n in zip(AXES, target, strict=True)}
         return device.move_steps(**steps, timeout_s=timeout_s)
+
+    def is_far(self, place: tuple[float, ...]) -> bool:
+        """Every motor stands at its step."""
+        return bool(np.abs(np.subtract(place, self.make.far)).max() < 1)
 
     def is_near(self, reached: Any) -> bool:
         """Every motor stands at its step."""

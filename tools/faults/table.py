@@ -20,6 +20,7 @@ from tools.faults.table_networked import GENICAM, OPENCV, UR
 from tools.faults.words import Case, NoSense, Row, order
 
 QUIET = (order("noise"),)
+MUTE = (order("noise", silence=True),)
 PLUG = (order("replug"),)
 CUT = (order("unplug", reset=True),)
 LATE_S = 1.5  # three times the longest answer that the drivers below wait for
@@ -34,7 +35,7 @@ def _line(*, impostor: str, **others: Case | NoSense) -> Row:
             "rest",
             (DeviceTimeout,),
             8,
-            (order("noise", silence=True),),
+            MUTE,
             QUIET,
         ),
         "slow": Case(
@@ -70,6 +71,16 @@ def _line(*, impostor: str, **others: Case | NoSense) -> Row:
             "a target beyond the range", "rest", (LimitError,), 2, act="beyond"
         ),
         "operator stop": Case("`stop()`", "motion", (MotionStopped,), 8, stop=True),
+        "silent in motion": Case(
+            "the line goes mute; the stop is sent all the same, and obeyed",
+            "motion",
+            (DeviceTimeout,),
+            20,
+            MUTE,
+            QUIET,
+            timeout_s=10,
+            stands=True,
+        ),
     }
     return row | {name.replace("_", " "): case for name, case in others.items()}
 
@@ -181,6 +192,14 @@ TABLE: dict[str, Row] = {
             "the answer that ends the move loses its first byte",
             lost_bytes=1,
             within_s=15,
+        ),
+        silent_in_motion=Case(
+            "the line goes mute; the board could not be stopped",
+            "motion",
+            (DeviceTimeout,),
+            20,
+            MUTE,
+            QUIET,
         ),
         restarted=_supply_fails(
             DeviceTimeout, within_s=15, consequence=": no answer ever comes"

@@ -93,6 +93,15 @@ UR: Row = {
         code="protective-stop",
     ),
     "operator stop": Case("`stop()`", "motion", (MotionStopped,), 5, stop=True),
+    "silent in motion": Case(
+        "the controller sends nothing more; its arm is seen to stand",
+        "motion",
+        LOST,
+        15,
+        (order("silence"),),
+        CLEAR,
+        stands=True,
+    ),
 }
 
 GENICAM: Row = {
@@ -161,6 +170,15 @@ GENICAM: Row = {
         "the standard has no alarms; a camera that fails loses packets or its link"
     ),
     "operator stop": Case("`stop()`", "motion", (MotionStopped,), 5, stop=True),
+    "silent in motion": Case(
+        "it answers nothing more while it exposes",
+        "motion",
+        (LinkLost, DeviceTimeout),
+        25,
+        (order("silence"),),
+        AGAIN,
+        timeout_s=5,
+    ),
 }
 
 OPENCV: Row = {
@@ -219,4 +237,13 @@ OPENCV: Row = {
     ),
     "alarm": NoSense("a stream reports nothing but pictures"),
     "operator stop": Case("`stop()`", "motion", (MotionStopped,), 5, stop=True),
+    "silent in motion": Case(
+        "connected, but no more pictures while one is waited for",
+        "motion",
+        (LinkLost, DeviceTimeout),
+        15,
+        (order("stall", on=True),),
+        (order("stall", on=False),),
+        timeout_s=5,
+    ),
 }

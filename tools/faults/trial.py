@@ -163,6 +163,8 @@ class _Trial:
             return None, seconds
         if isinstance(outcome[0], Exception):
             self._nothing_new(before)
+        if self._case.stands:
+            self._stands_short()
         return outcome[0], seconds
 
     def _get_ready(self, driver: Any) -> None:
@@ -206,6 +208,16 @@ class _Trial:
             self._problems.append(f"{wanted} expected, but it went on")
         if seconds > case.within_s:
             self._problems.append(f"took {seconds:.1f} s of {case.within_s:g} s")
+
+    def _stands_short(self) -> None:
+        """The stop has reached the far end, whatever came back."""
+        first = self._bench.place()
+        time.sleep(_SETTLE_S)
+        place = self._bench.place()
+        if place != first:
+            self._problems.append("it still moves")
+        elif self._bench.is_far(place):
+            self._problems.append("it went on to its target")
 
     def _motions(self) -> int:
         return self._bench.motions()

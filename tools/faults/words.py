@@ -23,6 +23,7 @@ FAULTS: dict[str, str] = {
     "limit": "it is asked for what it must not do",
     "alarm": "the device itself reports a fault, or its mechanics stick",
     "operator stop": "a person says stop",
+    "silent in motion": "it moves or exposes, and nothing comes back any more",
 }
 
 Moment = Literal["opening", "rest", "motion"]
@@ -57,6 +58,7 @@ class Case:
         code: word of the device that a ``DeviceFault`` must carry; empty for any.
         act: what the driver is asked to do.
         stop: ``stop()`` of the driver is the event.
+        stands: the far end must have been stopped: it stands, short of its target.
         impostor: key of another simulator that the driver is led to.
         simulator: further keys of the simulator.
         driver: further keys of the driver.
@@ -73,6 +75,7 @@ class Case:
     code: str = ""
     act: Act = "move"
     stop: bool = False
+    stands: bool = False
     impostor: str = ""
     simulator: Mapping[str, object] = field(default_factory=dict)
     driver: Mapping[str, object] = field(default_factory=dict)
