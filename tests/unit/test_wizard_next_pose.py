@@ -239,6 +239,7 @@ def test_chosen_views_beat_random_ones_and_a_pattern_by_forecast_and_in_truth(
 
 
 @pytest.mark.full
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("errors_of", [camera_errors, hand_eye_errors])
 def test_the_forecast_error_is_the_one_that_comes_true(errors_of):
     errors = np.array([errors_of(seed) for seed in range(40)])
