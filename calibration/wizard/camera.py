@@ -30,6 +30,7 @@ from calibration.wizard.next_pose import (
     choose,
     views_until,
 )
+from calibration.wizard.preflight import before_pictures, temperature_told
 from calibration.wizard.session_store import SessionStore
 from calibration.wizard.working import setting_of
 from mvp.errors import CalibrationError
@@ -104,9 +105,8 @@ def _pre_flight(lookout: Lookout) -> Generator[Step, Answer, None]:
         f"{target.square_mm:g} mm; lens locked at f {lens.f_mm:.2f}, d {lens.d_mm:.3f}, "
         f"a {lens.a_mm:.2f} mm, sharp at {setting.stand_off_mm(facts):.0f} mm"
     )
-    if facts.temperature_c is None:
-        text = "nobody knows how warm it is: state temperature_c in [conditions]"
-        yield Say(text, "warning")
+    yield from temperature_told(store)
+    yield from before_pictures(store)
     square = store.recall(_SQUARE)
     if not isinstance(square, float):
         square = yield from _asked_square(target.square_mm)

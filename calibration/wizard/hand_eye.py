@@ -37,7 +37,9 @@ from calibration.wizard.next_pose import (
     views_of,
     views_until,
 )
+from calibration.wizard.preflight import before_pictures, temperature_told
 from calibration.wizard.session_store import Sample, SessionStore
+from calibration.wizard.touch import touched, with_touch
 from calibration.wizard.working import setting_of
 from mvp.wizard import Covered, Forecast, Outcome, Say, Word
 
@@ -71,16 +73,19 @@ class HandEyeWizard:
         setting = setting_of(store)
         lookout = Lookout(bench, store)
         yield from _before(store.facts, setting)
+        yield from temperature_told(store)
+        yield from before_pictures(store)
         lookout.set_lens(setting.by_name)
         most = options.most_samples or MOST_VIEWS
         told = yield from _calibration_views(lookout, setting, most)
         if told is not Word.FINISH:
             yield from _held_out_views(lookout, setting)
+            yield from touched(store)
         return self.outcome(store)
 
     def outcome(self, store: SessionStore) -> Outcome:
         """From the folder alone; see ``Wizard``."""
-        return outcome_of(store)
+        return with_touch(store, outcome_of(store))
 
     def page(self, store: SessionStore, outcome: Outcome) -> str:
         """The report; see ``Wizard``."""

@@ -24,6 +24,7 @@ from calibration.wizard.lens_result import (
 from calibration.wizard.lens_travel import travelled
 from calibration.wizard.lookout import Lookout, camera_at, target_of
 from calibration.wizard.next_pose import NoView, ViewRange, candidate_views, first_of
+from calibration.wizard.preflight import before_pictures
 from calibration.wizard.provenance import TEMPERATURE
 from calibration.wizard.session_store import Sample, SessionStore
 from mvp.errors import CalibrationError
@@ -63,6 +64,7 @@ class LensWizard:
         """Play, nodes, iris, held-out settings; see ``Wizard``."""
         lookout = Lookout(bench, store)
         yield from _temperature(store)
+        yield from before_pictures(store)
         plans = yield from _planned(lookout, self._grid)
         word = yield from _play(lookout, plans)
         for number, plan in enumerate(plans):

@@ -25,13 +25,12 @@ from calibration.lens_table import (
 )
 from calibration.lens_table.edge_blur import EdgeBlurs
 from calibration.lens_table.sharpness import blur_shots
-from calibration.verdict import Verdict
 from calibration.wizard.lens_motors import IRIS, hysteresis_of, plan_sides
 from calibration.wizard.lens_node_result import NodeResult, blur_of, node_of, plan_of
 from calibration.wizard.lens_nodes import samples_of
 from calibration.wizard.provenance import provenance_of, temperature_of
-from calibration.wizard.verification import HeldOutView, Verification
-from mvp.calibrated import AxisTable, LensTableCalibration, Quality, VerdictCause
+from calibration.wizard.verification import HeldOutView, Verification, with_causes
+from mvp.calibrated import AxisTable, LensTableCalibration, Quality
 from mvp.errors import CalibrationError
 from mvp.optics import principal_distance_mm
 from mvp.wizard import Outcome
@@ -238,7 +237,7 @@ def _told(
     )
     document = calibration_file(tables, identity)
     stamp = provenance_of(store, "lens", document.provenance.method)
-    quality = _with_held_out(document.quality, held)
+    quality = with_causes(document.quality, held.causes())
     document = document.model_copy(
         update={
             "provenance": stamp,
@@ -264,35 +263,6 @@ def _without_tube(document: LensTableCalibration, tube_mm: float) -> AxisTable:
     axis = document.focus_extension_mm
     return axis.model_copy(
         update={"values_mm": [value - tube_mm for value in axis.values_mm]}
-    )
-
-
-def _with_held_out(quality: Quality, held: Verification) -> Quality:
-    """What held-out settings say, put to the rest."""
-    causes = held.causes()
-    if not causes:
-        return quality
-    rank = {"go": 0, "marginal": 1, "no-go": 2}
-    own = Verdict(causes)
-    worse = rank[own.grade] > rank[quality.verdict]
-    return quality.model_copy(
-        update={
-            "verdict": own.grade if worse else quality.verdict,
-            "reasons": [*own.reasons, *quality.reasons],
-            "causes": [
-                *(
-                    VerdictCause(
-                        code=c.code,
-                        grade="no-go" if c.grade == "no-go" else "marginal",
-                        message=c.message,
-                        action=c.action,
-                    )
-                    for c in causes
-                ),
-                *quality.causes,
-            ],
-            "next_action": own.next_action if worse else quality.next_action,
-        }
     )
 
 

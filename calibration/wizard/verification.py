@@ -15,11 +15,13 @@ import numpy as np
 from calibration.hand_eye.refine import Chain, camera_from_target
 from calibration.poses import only
 from calibration.projection import skew, to_normalised
-from calibration.verdict import Cause
+from calibration.verdict import Cause, Verdict
+from mvp.calibrated import VerdictCause
 
 if TYPE_CHECKING:
     from calibration.hand_eye import HandEyeData, HandEyeSolution
     from calibration.poses import Poses
+    from mvp.calibrated import Quality
     from mvp.geometry import FloatArray
 
 _BEYOND = 3.0
@@ -109,6 +111,32 @@ class Verification:
             f"{len(self.views)} held-out views: {self.what} off by {self.error:.3g} "
             f"{unit} (root mean square), {self.ratio:.1f} times what was to be expected"
         )
+
+
+def with_causes(quality: Quality, causes: tuple[Cause, ...]) -> Quality:
+    """What was found afterwards, put to what is said already."""
+    if not causes:
+        return quality
+    rank = {"go": 0, "marginal": 1, "no-go": 2}
+    own = Verdict(causes)
+    worse = rank[own.grade] > rank[quality.verdict]
+    told = [
+        VerdictCause(
+            code=cause.code,
+            grade="no-go" if cause.grade == "no-go" else "marginal",
+            message=cause.message,
+            action=cause.action,
+        )
+        for cause in causes
+    ]
+    return quality.model_copy(
+        update={
+            "verdict": own.grade if worse else quality.verdict,
+            "reasons": [*own.reasons, *quality.reasons],
+            "causes": [*told, *quality.causes],
+            "next_action": own.next_action if worse else quality.next_action,
+        }
+    )
 
 
 def verify_hand_eye(solution: HandEyeSolution, data: HandEyeData) -> Verification:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import sys
+import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
 from mvp.cli.ask import allow_motion, ask, terminal
 from mvp.cli.output import console, tell_warning
 from mvp.errors import UsageError
-from mvp.wizard import Allow, Ask, Covered, Sampled, Say, Word, Working
+from mvp.wizard import Allow, Ask, Covered, Sampled, Say, Wait, Word, Working
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rich.console import Console
     from rich.status import Status
 
@@ -24,6 +27,7 @@ _VERDICTS = {"go": "bold green", "marginal": "bold yellow", "no-go": "bold red"}
 _WORDS = {"u": Word.UNDO, "undo": Word.UNDO, "f": Word.FINISH, "finish": Word.FINISH}
 _SHADES = " .:-=+*#%@"
 _BAR = 10
+_TICK_S = 1.0
 
 
 class TerminalView:
@@ -33,10 +37,19 @@ class TerminalView:
         simulated: the cell is; then nothing real moves.
         auto: questions get their defaults.
         yes: motion is allowed.
+        sleep: lets seconds pass.
     """
 
-    def __init__(self, *, simulated: bool, auto: bool, yes: bool) -> None:
+    def __init__(
+        self,
+        *,
+        simulated: bool,
+        auto: bool,
+        yes: bool,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
         self._simulated, self._auto, self._yes = simulated, auto, yes
+        self._sleep = sleep
         self._lines: Console = console()
         self._status: Status | None = None
 
@@ -91,6 +104,8 @@ class TerminalView:
                 self._print(*_sampled(step))
             case Covered():
                 self._print("\n".join(covered_lines(step)))
+            case Wait():
+                self._wait(step)
             case Ask():
                 return self._asked(step)
             case Allow():
@@ -104,6 +119,20 @@ class TerminalView:
         if self._status is not None:
             self._status.stop()
             self._status = None
+
+    def _wait(self, step: Wait) -> None:
+        """Count down; in a simulated cell nothing warms up."""
+        self._print(
+            f"{step.text}: {step.seconds / 60:.0f} min; Ctrl-C ends the session"
+        )
+        if self._simulated:
+            return
+        left = step.seconds
+        while left > 0:
+            self.tell(f"{step.text}: {left / 60:.0f} min left")
+            self._sleep(min(left, _TICK_S))
+            left -= _TICK_S
+        self._quiet()
 
     def _allowed(self, step: Allow) -> Answer:
         if self._yes or (self._auto and self._simulated):

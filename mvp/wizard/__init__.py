@@ -67,6 +67,7 @@ from mvp.wizard.steps import (
     Sampled,
     Say,
     Step,
+    Wait,
     Word,
     Working,
 )
@@ -94,6 +95,7 @@ __all__ = [
     "Step",
     "Store",
     "TargetFacts",
+    "Wait",
     "Way",
     "Wizard",
     "WizardOptions",

@@ -129,5 +129,18 @@ class Working:
     total: int = 0
 
 
-Step: TypeAlias = Say | Ask | Allow | Sampled | Covered | Working
+@dataclass(frozen=True)
+class Wait:
+    """Time must pass, such as for warming up; answered with None when it has.
+
+    Attributes:
+        text: what for.
+        seconds: how long.
+    """
+
+    text: str
+    seconds: float
+
+
+Step: TypeAlias = Say | Ask | Allow | Sampled | Covered | Working | Wait
 Answer: TypeAlias = bool | float | str | Word | None

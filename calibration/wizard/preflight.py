@@ -1,0 +1,82 @@
+"""What a person looks to before the first picture: warm-up, target, temperature.
+
+Answers are kept with the session: a result says under which conditions it was made.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mvp.wizard import Ask, Say, Wait, Word
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from calibration.wizard.session_store import SessionStore
+    from mvp.wizard import Answer, Step
+
+WARM, FLAT = "warm_minutes", "target_flat"
+WARM_MINUTES = 30.0  # after which a camera's sensor and mount hardly move any more
+
+
+def before_pictures(store: SessionStore) -> Generator[Step, Answer, None]:
+    """Asked once in a session; a resumed one goes on without."""
+    yield from _warm(store)
+    yield from _flat(store)
+
+
+def temperature_told(store: SessionStore) -> Generator[Step, Answer, None]:
+    """Say so when nobody knows how warm it is."""
+    if store.facts.temperature_c is None:
+        text = "nobody knows how warm it is: state temperature_c in [conditions]"
+        yield Say(text, "warning")
+
+
+def _warm(store: SessionStore) -> Generator[Step, Answer, None]:
+    """A camera that was switched on just now is waited for, if the person agrees."""
+    if store.recall(WARM) is not None:
+        return
+    said = yield Ask(
+        WARM,
+        "for how many minutes have camera and arm been switched on?",
+        "number",
+        WARM_MINUTES,
+        "min",
+    )
+    minutes = WARM_MINUTES if isinstance(said, Word | bool) else float(said or 0.0)
+    lacking = WARM_MINUTES - minutes
+    if lacking > 0:
+        wait = yield Ask(
+            "warm_up_now",
+            f"the picture moves while they warm up; wait {lacking:.0f} minutes now?",
+            default=True,
+        )
+        if wait is True:
+            yield Wait("warming up", 60 * lacking)
+            minutes = WARM_MINUTES
+        else:
+            yield Say(
+                "camera and arm are not warm: pictures taken first and last may "
+                "contradict each other",
+                "warning",
+            )
+    store.remember(WARM, minutes)
+
+
+def _flat(store: SessionStore) -> Generator[Step, Answer, None]:
+    """Of a target that is bent or moves the residuals tell only a part."""
+    if store.recall(FLAT) is not None:
+        return
+    said = yield Ask(
+        FLAT,
+        "does the target lie fast, and is it flat (on glass or a plate, no bubble)?",
+        default=True,
+    )
+    flat = said is not False
+    store.remember(FLAT, flat)
+    if not flat:
+        yield Say(
+            "glue it to glass or to a plate, and fix that: 0.02 mm out of flat are "
+            "0.03 % of the focal length, and of all distances",
+            "warning",
+        )
