@@ -8,19 +8,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from mvp.cell.loading import load_cell
 from mvp.cli.main import invoke
-from tools.compare_with_truth import Compared, compare, told
+from tests.calibrated_cells import assert_as_good_as_stated, calibrate_all
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-KINDS = {
-    "camera": "camera",
-    "lens": "lens_table",
-    "hand-eye": "hand_eye",
-    "part": "part_pose",
-}
 
 
 @pytest.fixture
@@ -69,44 +61,12 @@ def test_the_same_cell_passes_when_it_believes_what_is_true(
     assert not any("nominal" in note for note in plan["notes"])
 
 
-def calibrated(
-    kind: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> dict[str, object]:
-    """What `calibrate KIND` says, left alone on a cell."""
-    capsys.readouterr()
-    code = invoke(["calibrate", kind, str(folder), "--auto", "--yes", "--json"])
-    told = capsys.readouterr()
-    assert code == 0, told.err
-    document: dict[str, object] = json.loads(told.out)
-    return document
-
-
-def assert_as_good_as_stated(rows: list[Compared]) -> None:
-    """One of 19 values lies outside of its 95 % interval; more than three hardly ever.
-
-    Farther off than twice its interval, at four standard deviations, lies none.
-    """
-    shown = "\n".join(told(rows))
-    assert all(row.stated is not None for row in rows), shown
-    assert sum(row.inside is False for row in rows) <= 3, shown
-    assert all(abs(row.error) <= 2 * (row.stated or 0.0) for row in rows), shown
-
-
-@pytest.mark.full
 @pytest.mark.timeout(3600)
 def test_four_calibrations_turn_a_failing_cell_into_one_that_passes(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert ran(folder, capsys)[0] == 5
-    shutil.rmtree(folder / "runs")
-    files = folder / "calibration"
-    nominal = {name: (files / f"{name}.json").read_bytes() for name in KINDS.values()}
-    for kind, name in KINDS.items():
-        document = calibrated(kind, folder, capsys)
-        assert document["verdict"] == "go", document["lines"]
-        (kept,) = (files / "previous").glob(f"{name}-*.json")
-        assert kept.read_bytes() == nominal[name]
-    assert_as_good_as_stated(compare(load_cell(str(folder))))
+    calibrate_all(folder, capsys)
+    assert_as_good_as_stated(folder)
     code, document, plan, _ = ran(folder, capsys)
     assert code == 0
     assert document["status"] == "verified"
