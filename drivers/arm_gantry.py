@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from drivers._gantry.axes import GantryAxes
+from drivers._gantry.axes import GantryAxes, share_of
 from drivers._gantry.config import USB_IDS, GantryConfig
 from drivers._gantry.grbl_wire import GrblWire
 from drivers._gantry.homing import (
@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from drivers._gantry.wire import GantryWire, Identity, Report
+    from mvp.devices import Finding
     from mvp.devices.protocols import ClearWay
     from mvp.geometry import FloatArray
 
@@ -131,9 +132,14 @@ class GantryArm:
             simulated=False,
             extra={
                 "address": self._wire.session.address,
+                "can_stop": self._wire.can_stop,
                 "declared_axes": ", ".join(self._declared) or "none",
             },
         )
+
+    def doubts(self) -> tuple[Finding, ...]:
+        """Settings of the machine that are not as a camera on it needs them."""
+        return self._wire.doubts
 
     def resource(self) -> str:
         """The port that it is driven through."""
@@ -171,7 +177,7 @@ class GantryArm:
         way = self._axes.duration_s(
             np.asarray(start, np.float64),
             np.asarray(target, np.float64),
-            _share(speed_fraction),
+            share_of(speed_fraction),
         )
         return way + self._config.settle_s
 
@@ -211,7 +217,7 @@ class GantryArm:
         """
         self._link.require_open()
         target = self._axes.checked(joints)
-        share = _share(speed_fraction)
+        share = share_of(speed_fraction)
         with self._wire.session.dumping(), self._acting():
             here = self._ready()
             feed = self._axes.feed_min(here, target, share)
@@ -390,9 +396,3 @@ class GantryArm:
             )
         letters = ", ".join(self._declared)
         _LOG.warning("%s: are the axes %s at their marks?", self.name, letters)
-
-
-def _share(speed_fraction: float) -> float:
-    if not 0 < speed_fraction <= 1:
-        raise ValueError("speed_fraction is above 0 and at most 1")
-    return speed_fraction

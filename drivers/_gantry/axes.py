@@ -124,6 +124,17 @@ class GantryAxes:
         return np.array([machine[letter] for letter in self.letters])
 
 
+def share_of(speed_fraction: float) -> float:
+    """A share of full speed, as given.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if not 0 < speed_fraction <= 1:
+        raise ValueError("speed_fraction is above 0 and at most 1")
+    return speed_fraction
+
+
 def _plain(value: float) -> str:
     """A number as every firmware reads it: no exponent, no ``-0``."""
     text = f"{value:.{_DIGITS}f}".rstrip("0").rstrip(".")

@@ -12,17 +12,18 @@ import threading
 from typing import TYPE_CHECKING
 
 from drivers._gantry.arrivals import Arrivals
-from drivers._gantry.codes import alarm_fault, line_error, loses_home
+from drivers._gantry.codes import alarm_fault, loses_home
 from drivers._gantry.grbl_identity import (
     error_number,
     identity_of,
     listing,
-    refuse_inches,
 )
+from drivers._gantry.grbl_orders import GrblOrders
 from drivers._gantry.grbl_report import ReportReader
+from drivers._gantry.grbl_settings import settings_doubts
 from drivers._gantry.homing import beside_slides
 from drivers._gantry.wire import Activity, Identity, Report
-from mvp.devices import LineFramer, Session, Take, text
+from mvp.devices import LineFramer, Session, text
 from mvp.errors import (
     ConnectError,
     DeviceError,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivers._gantry.config import GantryConfig
-    from mvp.devices import Ask, DeviceContext
+    from mvp.devices import Ask, DeviceContext, Finding
 
 _LOG = logging.getLogger(__name__)
 _HOLD, _HAL_HOLD, _RESET, _QUERY, _HAL_FULL = b"!", b"\x82", b"\x18", b"?", b"\x87"
@@ -47,6 +48,9 @@ _POLL_S = 0.03
 
 class GrblWire:
     """Conversation with one controller.
+
+    Attributes:
+        doubts: what about its settings somebody should look at.
 
     Args:
         config: port, dialect, axes.
@@ -65,6 +69,7 @@ class GrblWire:
         on_home_lost: Callable[[str], None],
         stopping: threading.Event,
     ) -> None:
+        self.doubts: tuple[Finding, ...] = ()
         self._name = name
         self._stopping = stopping
         self._config = config
@@ -75,7 +80,6 @@ class GrblWire:
         self._never = threading.Event()
         self._alarm: int | None = None
         self._doing = ""
-        self._refused = False
         self._ended: DeviceError | None = None
         self._expects_banner = False
         self.session = Session(
@@ -88,6 +92,9 @@ class GrblWire:
             strip_echo=config.strip_echo,
             dump_folder=context.dump_folder,
         )
+        self._orders = GrblOrders(self.session, config, name)
+
+    can_stop = "yes"
 
     @property
     def alarm(self) -> DeviceFault | None:
@@ -118,7 +125,9 @@ class GrblWire:
             )
             found = identity_of(lines, self._config, self._name)
             self._reader = ReportReader(found.letters)
-            self._check_settings()
+            self.doubts = settings_doubts(
+                self.session, self._config, found.letters, self._name
+            )
         except DeviceTimeout as error:
             raise ConnectError(
                 "no GRBL answers on this port",
@@ -154,11 +163,6 @@ class GrblWire:
             "%s: it was held in a motion, whose rest is given up; nothing moved",
             self._name,
         )
-
-    def _check_settings(self) -> None:
-        accept, limit_s = listing("$", self._name), self._config.answer_s
-        lines = self.session.request_until(b"$$\n", accept, timeout_s=limit_s, tries=3)
-        refuse_inches(lines, self._name)
 
     def report(self) -> Report:
         """Where it is now; asked past whatever waits for its answer.
@@ -213,7 +217,7 @@ class GrblWire:
             MotionStopped: ``halt`` was called.
         """
         self._begin()
-        self._order("G21 G90 G94")
+        self._orders.give("G21 G90 G94")
         self._motion("moving", f"G53 G1 {words} F{feed_min:.1f}")
         self._motion("moving", "G4 P0", timeout_s)
 
@@ -265,7 +269,7 @@ class GrblWire:
             raise self._stopped()
         self._doing = doing
         try:
-            self._order(line, timeout_s)
+            self._orders.give(line, timeout_s)
             if self._stopping.is_set():
                 self.halt()
                 raise self._stopped()
@@ -277,38 +281,6 @@ class GrblWire:
 
     def _stopped(self) -> MotionStopped:
         return MotionStopped("stopped while it moved", device=self._name)
-
-    def _order(self, line: str, timeout_s: float | None = None) -> None:
-        """Send a line and wait for its ``ok``."""
-        try:
-            self.session.request(
-                f"{line}\n".encode("ascii"),
-                lambda frame: self._is_ok(line, frame),
-                timeout_s=self._config.answer_s if timeout_s is None else timeout_s,
-            )
-        except DeviceError:
-            if self._config.firmware == "grblhal" and self._refused:
-                self._clear_refusal()
-            raise
-
-    def _clear_refusal(self) -> None:
-        """GrblHAL refuses every G-code after an error, until an empty line."""
-        self._refused = False
-        try:
-            self.session.request(
-                b"\n", lambda f: self._is_ok("", f), timeout_s=self._config.answer_s
-            )
-        except DeviceError as error:
-            _LOG.warning("%s: %s", self._name, error.detail)
-
-    def _is_ok(self, line: str, frame: bytes) -> Take:
-        said = text(frame).strip()
-        if said == "ok":
-            return Take.DONE
-        if said.startswith("error:"):
-            self._refused = True
-            raise line_error(error_number(said), line, self._name)
-        return Take.OTHER
 
     def _sync(self, ask: Ask) -> None:
         ask(b"$I\n", listing("[VER", self._name), timeout_s=self._config.answer_s)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivers._gantry.config import GantryConfig
-    from mvp.devices import Accept, Ask, DeviceContext
+    from mvp.devices import Accept, Ask, DeviceContext, Finding
 
 _LOG = logging.getLogger(__name__)
 _OK = re.compile(r"ok\b")
@@ -37,6 +37,9 @@ _RESEND = re.compile(r"Resend:\s*(\d+)")
 _SENT_AGAIN = 3
 _GREETING_S = 1.0  # a board that is still starting swallows the question
 _QUICK_STOP_S = 10.0
+_NO_STOP = (
+    "no: its firmware has no emergency parser, a stop acts when the move has ended"
+)
 _NOBODY = "cede2a2f-41a2-4748-9b12-c55c62f367ff"  # of boards that got no name
 
 
@@ -56,6 +59,7 @@ class MarlinWire:
     """
 
     alarm = None  # a board that has halted answers with an error instead
+    doubts: tuple[Finding, ...] = ()
 
     def __init__(
         self,
@@ -74,6 +78,7 @@ class MarlinWire:
         self._asking = threading.RLock()
         self._doing = ""
         self._halted = ""
+        self.can_stop = "yes"
         self._last: Report | None = None
         self.session = Session(
             context.transports(config, name),
@@ -115,12 +120,9 @@ class MarlinWire:
                 device=self._name,
                 hint="check port and firmware",
             )
-        if "EMERGENCY_PARSER:1" not in said:
-            _LOG.warning(
-                "%s: this firmware has no emergency parser: a stop acts only when the "
-                "move has ended",
-                self._name,
-            )
+        self.can_stop = "yes" if "EMERGENCY_PARSER:1" in said else _NO_STOP
+        if self.can_stop == _NO_STOP:
+            _LOG.warning("%s: can stop: %s", self._name, _NO_STOP)
         self._renumber()
         self._order("G21")
         self._order("G90")

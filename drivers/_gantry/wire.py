@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from mvp.devices import Session
+    from mvp.devices import Finding, Session
     from mvp.errors import DeviceFault
 
 
@@ -55,6 +55,16 @@ class GantryWire(Protocol):
     @property
     def session(self) -> Session:
         """The conversation, to ask where it leads, to write it down and to close it."""
+        ...
+
+    @property
+    def can_stop(self) -> str:
+        """``yes``, or ``no: `` and why a stop does not act at once."""
+        ...
+
+    @property
+    def doubts(self) -> tuple[Finding, ...]:
+        """What about its settings somebody should look at; known once it is open."""
         ...
 
     @property

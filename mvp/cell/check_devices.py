@@ -18,11 +18,12 @@ from mvp.cell.check_items import (
     doubtful,
     failed,
     failure,
+    from_findings,
     good,
 )
 from mvp.cell.hardware import close_all, info_of
 from mvp.cell.homing import is_homed
-from mvp.devices import AXES, Homable
+from mvp.devices import AXES, HasDoubts, Homable, cannot_stop
 from mvp.errors import MvpCellError
 
 if TYPE_CHECKING:
@@ -81,6 +82,7 @@ def _ask(setting: Setting, devices: CellDevices, role: Role) -> Answers:
         getattr(devices, role).open()
         answers.info = info_of(devices, role)
         answers.items.append(_who(role, answers.info))
+        answers.items += _doubts(role, getattr(devices, role), answers.info)
     except Exception as error:
         answers.items.append(failure(role, error))
         return answers
@@ -98,6 +100,22 @@ def _who(role: str, info: DeviceInfo) -> CheckItem:
         role,
         f"{info.model}, serial {info.serial or '-'}, firmware {info.firmware}, {kind}",
     )
+
+
+def _doubts(role: Role, device: Device, info: DeviceInfo) -> list[CheckItem]:
+    """What it says against itself."""
+    items = from_findings(
+        role, device.doubts() if isinstance(device, HasDoubts) else ()
+    )
+    if why := cannot_stop(info):
+        items.append(
+            doubtful(
+                f"{role} stop",
+                f"cannot be stopped at once: {why}",
+                "leave no hand near it while it moves; the emergency stop is what stops it",
+            )
+        )
+    return items
 
 
 def _checked(role: Role, answers: Answers) -> CheckedDevice:

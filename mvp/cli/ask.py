@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from mvp.cli.output import console
+from mvp.devices import cannot_stop
 from mvp.errors import UsageError
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ def allow_motion(motion: Motion, *, yes: bool) -> bool:
     if yes:
         _refuse_unseen(motion)
         _tell_homing(motion)
+        _tell_no_stop(motion)
         _tell_whose_word(motion, whose_word(yes=True))
         return True
     if not terminal():
@@ -41,6 +43,7 @@ def allow_motion(motion: Motion, *, yes: bool) -> bool:
         style="bold yellow",
         markup=False,
     )
+    _tell_no_stop(motion)
     _tell_whose_word(motion, "whoever answers y")
     return ask("Move now? [y/N] ").strip().lower() in ("y", "yes")
 
@@ -60,6 +63,17 @@ def _tell_homing(motion: Motion) -> None:
     """What moves where before anything else, and what is only believed."""
     if motion.homing is not None:
         console().print(motion.homing.words, style="bold yellow", markup=False)
+
+
+def _tell_no_stop(motion: Motion) -> None:
+    """Which devices go on when they are told to stop."""
+    for role, info in motion.infos.items():
+        if why := cannot_stop(info):
+            console().print(
+                f"{role} ({info.model}) cannot be stopped at once: {why}",
+                style="bold yellow",
+                markup=False,
+            )
 
 
 def _tell_whose_word(motion: Motion, word: str) -> None:

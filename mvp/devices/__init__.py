@@ -9,6 +9,7 @@ from mvp.devices.context import (
     ScaledClock,
     require_real_time,
 )
+from mvp.devices.doubts import HasDoubts, cannot_stop
 from mvp.devices.findings import (
     Finding,
     camera_search,
@@ -95,6 +96,7 @@ __all__ = [
     "Finding",
     "Frame",
     "Framer",
+    "HasDoubts",
     "Homable",
     "Homing",
     "LampBelief",
@@ -126,6 +128,7 @@ __all__ = [
     "WorldBelief",
     "WorldClass",
     "camera_search",
+    "cannot_stop",
     "dumping_faults",
     "host_findings",
     "host_resource",

@@ -185,6 +185,23 @@ def test_what_is_believed_is_said_with_whose_word_it_is(
     assert told.count("on the word of whoever answers y") == 2
 
 
+@pytest.mark.parametrize("yes", [True, False])
+def test_a_device_that_cannot_be_stopped_is_named_before_it_moves(
+    yes: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    motion = a_motion(None)
+    extra = {"can_stop": "no: it goes on to its end"}
+    stopless = replace(motion, infos={"arm": replace(motion.infos["arm"], extra=extra)})
+    for one in (motion, stopless):
+        if yes:
+            asking.allow_motion(one, yes=True)
+        else:
+            asked_about(one, monkeypatch)
+        told = " ".join(capsys.readouterr().err.split())
+        said = "arm (G) cannot be stopped at once: it goes on to its end" in told
+        assert said is (one is stopless)
+
+
 def test_what_is_believed_is_kept_with_whose_word_it_is() -> None:
     motion = a_motion(Homing("It moves.", believed=BELIEVED))
     assert motion.believed("the person") == dict.fromkeys(BELIEVED, "the person")
