@@ -33,7 +33,8 @@ class ReportReader:
     That is the work offset, and of grblHAL what it has homed.
 
     Args:
-        letters: of the firmware's axes, in its order.
+        letters: of the firmware's axes, in its order; empty while nobody knows them,
+            and then a report has a state but no places.
     """
 
     def __init__(self, letters: str) -> None:
@@ -64,7 +65,7 @@ class ReportReader:
         if machine is None or activity is None:
             return None
         self._hear_homed(fields.get("H", ""))
-        places = dict(zip(self._letters, machine, strict=True))
+        places = dict(zip(self._letters, machine, strict=bool(self._letters)))
         return Report(activity, places, self._homed, state, self._found)
 
     def _hear_homed(self, text: str) -> None:
@@ -91,7 +92,8 @@ class ReportReader:
         if not _NUMBERS.fullmatch(text):
             return None
         values = tuple(float(part) for part in text.split(","))
-        return values if len(values) == len(self._letters) else None
+        fits = not self._letters or len(values) == len(self._letters)
+        return values if fits else None
 
     def _activity(self, state: str) -> Activity | None:
         """By state and sub-state, or by the state alone."""

@@ -75,7 +75,7 @@ class GrblWire:
         self._config = config
         self._clock = context.clock
         self._on_home_lost = on_home_lost
-        self._reader = ReportReader("XYZ")
+        self._reader = ReportReader("")
         self._came = Arrivals(context.clock)
         self._never = threading.Event()
         self._alarm: int | None = None
@@ -112,6 +112,7 @@ class GrblWire:
         self._alarm = None
         self._doing = ""
         self._came.forget()
+        self._reader = ReportReader("")
         self._expects_banner = True
         self.session.open()
         try:
@@ -290,11 +291,12 @@ class GrblWire:
     def _pushed(self, frame: bytes) -> bool:
         """Everything that is no answer; on the reader's thread."""
         said = text(frame).strip()
-        if said.startswith("<") or said.lower().startswith("grbl"):
-            self._came.sign()
         report = self._reader.read(said)
         if report is not None:
             self._came.report(report)
+        if said.startswith("<") or said.lower().startswith("grbl"):
+            self._came.sign()  # whoever waits for it finds the report
+        if report is not None:
             return True
         if said.startswith("ALARM:"):
             self._alarmed(error_number(said))

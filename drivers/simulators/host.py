@@ -6,6 +6,7 @@ with a made-up clock; here it lives on the real one.
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import deque
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from drivers.simulators.control import Verb
 
+_LOG = logging.getLogger(__name__)
 _TICK_S = 0.002
 _BITS_PER_BYTE = 10
 
@@ -214,7 +216,11 @@ class SerialHost:
         return TcpEnd(int(port))
 
     def _run(self, end: LineEnd) -> None:
-        """The thread: bytes in, time on, bytes out."""
+        """The thread: bytes in, time on, bytes out.
+
+        A machine with a bug leaves the port: silence would look like a fault that was
+        meant.
+        """
         try:
             while not self._ending.is_set():
                 data = end.receive(_TICK_S)
@@ -222,7 +228,9 @@ class SerialHost:
                     self._step(end, data, time.monotonic())
                     self._do_what_is_asked(end)
         except Exception as error:
+            _LOG.exception("the simulated %s broke down", self._name)
             self._failure = error
+            end.pull_out()
 
     def _do_what_is_asked(self, end: LineEnd) -> None:
         while self._to_do:

@@ -167,14 +167,20 @@ def test_bytes_can_be_put_on_the_line(make: Make) -> None:
     assert read(line, 3) == b"\x90\x38\xff"
 
 
-def test_a_bug_in_a_machine_is_not_swallowed() -> None:
+@pytest.mark.parametrize("listen", ["pty", "127.0.0.1:0"])
+def test_a_bug_in_a_machine_is_said_at_once_and_never_looks_like_silence(
+    listen: str, caplog: pytest.LogCaptureFixture
+) -> None:
     parrot = Parrot()
     parrot.broken = True
-    host = SerialHost(parrot, listen="127.0.0.1:0")
+    host = SerialHost(parrot, listen=listen)
     line = recorded_link(TransportConfig(port=host.start()), "lens")
     line.open()
     line.write(b"x")
     soon(lambda: not any(t.name == "simulator-device" for t in threading.enumerate()))
+    assert "the simulated device broke down" in caplog.text
+    with pytest.raises(LinkLost):
+        line.read(timeout_s=5)
     line.close()
     host.unplug()
     with pytest.raises(RuntimeError, match="bug"):
