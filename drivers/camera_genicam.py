@@ -337,6 +337,7 @@ class GenicamCamera:
             frame_id=self._frames,
             gain=session.gain,
             dropped=advance - 1,
+            device_time_ns=delivery.timestamp_ns,
         )
 
     def _advance(self, camera_id: int) -> int:

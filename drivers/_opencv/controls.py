@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
+from http.client import HTTPException
 from typing import TYPE_CHECKING, Protocol
 from urllib.error import URLError
 from urllib.request import ProxyHandler, build_opener
@@ -106,30 +108,31 @@ class HttpExposure:
         url = self.url.format(exposure_us=exposure_s * _US, gain=gain)
         said = self._ask(url)
         try:
-            read_s = float(str(said["exposure_us"])) / _US
-            read_gain = float(str(said["gain"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise WireError(
-                f"{url} answered without exposure_us and gain", device=self.device
-            ) from error
+            read_s, read_gain = in_force(said)
+        except ValueError as error:
+            raise WireError(f"{url} answered {error}", device=self.device) from error
         self._compare("exposure", exposure_s, read_s)
         self._compare("gain", gain, read_gain)
         return read_s, read_gain
 
-    def _ask(self, url: str) -> dict[str, object]:
+    def _ask(self, url: str) -> bytes:
         # Never through a proxy: the camera is on the cell's own network.
         opener = build_opener(ProxyHandler({}))
         try:
             with opener.open(url, timeout=self.timeout_s) as answer:
-                return dict(json.loads(answer.read(_ANSWER_MAX)))
+                return bytes(answer.read(_ANSWER_MAX))
+        except HTTPException as error:
+            raise WireError(
+                f"{url} answered something that is not HTTP: {error!r}",
+                device=self.device,
+                hint="control_url must be that of the camera's exposure",
+            ) from error
         except (URLError, OSError) as error:
             raise LinkLost(
                 f"{url}: {error}",
                 device=self.device,
                 hint="check control_url and the network",
             ) from error
-        except (TypeError, ValueError) as error:
-            raise WireError(f"{url} answered no JSON", device=self.device) from error
 
     def _compare(self, what: str, asked: float, read: float) -> None:
         if abs(read - asked) > _SAME * abs(asked):
@@ -141,14 +144,45 @@ class HttpExposure:
             )
 
 
-@dataclass(frozen=True)
+def in_force(answer: bytes) -> tuple[float, float]:
+    """Exposure in s and gain that a network camera says it has.
+
+    Raises:
+        ValueError: not an object with the finite numbers ``exposure_us`` and ``gain``.
+    """
+    try:
+        said = json.loads(answer)
+    except (ValueError, RecursionError) as error:
+        raise ValueError("no JSON") from error
+    if not isinstance(said, dict):
+        raise ValueError("no JSON object")
+    exposure_us, gain = _number(said.get("exposure_us")), _number(said.get("gain"))
+    if exposure_us is None or gain is None:
+        raise ValueError("without exposure_us and gain, or they are no finite numbers")
+    return exposure_us / _US, gain
+
+
+def _number(value: object) -> float | None:
+    """A finite number, also one that is written as text."""
+    try:
+        number = float(str(value))
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+@dataclass
 class V4l2Exposure:
-    """A USB camera's controls; automatic exposure is switched off first."""
+    """A USB camera's controls; automatic exposure is switched off first.
+
+    OpenCV cannot switch automatic gain off: a gain that changes gives it away.
+    """
 
     capture: cv2.VideoCapture
     range_s: tuple[float, float]
     allow_automatic: bool
     device: str
+    _gain_at_start: float | None = field(default=None, init=False)
 
     def limits_s(self) -> tuple[float, float]:
         """As the cell file states them; OpenCV does not tell the camera's own."""
@@ -172,9 +206,14 @@ class V4l2Exposure:
             self.capture.set(key, 0)
             if self.capture.get(key) > 0:
                 _LOG.warning("%s: %s stays on", self.device, what)
+        self._gain_at_start = self.capture.get(cv2.CAP_PROP_GAIN)
 
     def apply(self, exposure_s: float, gain: float) -> tuple[float, float]:
-        """Set in steps of 100 us and read back; gain only where it is 1."""
+        """Set in steps of 100 us and read back; gain only where it is 1.
+
+        Raises:
+            DeviceFault: the gain is not what it was, and that was not allowed.
+        """
         import cv2
 
         check_limits(self.range_s, exposure_s, self.device, "see exposure_min_s")
@@ -187,6 +226,11 @@ class V4l2Exposure:
             )
         ticks = max(1, round(exposure_s / _V4L2_TICK_S))
         prove(self.capture, cv2.CAP_PROP_EXPOSURE, ticks, "exposure", self.device)
+        gain_now = self.capture.get(cv2.CAP_PROP_GAIN)
+        if self._gain_at_start is not None and gain_now != self._gain_at_start:
+            self._complain(
+                f"automatic gain, which went from {self._gain_at_start:g} to {gain_now:g},"
+            )
         return ticks * _V4L2_TICK_S, 1.0
 
     def _complain(self, what: str) -> None:

@@ -254,6 +254,7 @@ class CellEngine:
             exposure_source=exposure.source,
             frame_id=frame.frame_id,
             dropped=frame.dropped,
+            device_time_ns=frame.device_time_ns,
             asked_joints=list(view.joints_rad),
             asked_lens_steps=view.lens_steps.model_dump(),
             reached=_reached(arm, lens),

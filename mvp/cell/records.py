@@ -134,6 +134,7 @@ class Captured(_Record):
     exposure_source: Literal["task", "metered"]
     frame_id: int
     dropped: int
+    device_time_ns: int | None = None
     asked_joints: list[float]
     asked_lens_steps: dict[str, int]
     reached: Reached

@@ -93,6 +93,7 @@ class Frame:
         received_s: when the host had it, monotonic.
         frame_id: the camera's own counter.
         dropped: frames known to be lost since the last one.
+        device_time_ns: the camera's own clock, whose zero nobody knows; None: it has none.
     """
 
     pixels: NDArray[np.uint8] | NDArray[np.uint16]
@@ -103,6 +104,7 @@ class Frame:
     frame_id: int
     gain: float = 1.0
     dropped: int = 0
+    device_time_ns: int | None = None
 
 
 @runtime_checkable

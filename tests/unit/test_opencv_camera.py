@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import socket
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import TYPE_CHECKING, ClassVar
@@ -13,12 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers._opencv import HttpExposure, V4l2Exposure, kind_of
+from drivers._opencv.controls import in_force
 from drivers._opencv.grey import as_grey
 from drivers._opencv.reader import ArrivalBound
 from drivers.camera_opencv import OpencvCamera
 from mvp.devices import DeviceContext
 from mvp.errors import ConnectError, DeviceFault, LimitError, LinkLost, WireError
 from mvp.testing import refuses
+from tests.fuzzing import Mutants, fuzz
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -158,13 +162,63 @@ def test_what_a_network_camera_answers_is_compared(http_camera: HttpExposure) ->
 
 
 @pytest.mark.parametrize(
-    "body", [b"", b"[1, 2]", b"{}", b'{"exposure_us": "x"}', b"\xff"]
+    "body",
+    [
+        b"",
+        b"[1, 2]",
+        b"{}",
+        b'{"exposure_us": "x"}',
+        b"\xff",
+        b"[" * 30000,
+        b'{"exposure_us": NaN, "gain": NaN}',
+        b'{"exposure_us": 8000, "gain": Infinity}',
+    ],
 )
 def test_nonsense_from_a_network_camera_is_a_wire_error(
     http_camera: HttpExposure, body: bytes
 ) -> None:
     _Answer.body = body
     refuses(WireError, lambda: http_camera.apply(0.008, 1.0))
+
+
+def test_an_answer_that_is_not_http_is_a_wire_error() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            line, _ = server.accept()
+            with line:
+                line.recv(4096)
+                line.sendall(b"220 welcome\r\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        url = f"http://127.0.0.1:{server.getsockname()[1]}/{{exposure_us}}/{{gain}}"
+        camera = HttpExposure(url, (1e-4, 0.5), 5.0, "camera")
+        error = refuses(WireError, lambda: camera.apply(0.008, 1.0))
+        thread.join()
+    assert "control_url" in error.hint
+
+
+ANSWERS = [b'{"exposure_us": 8000, "gain": 1}', b'{"gain": "2.5", "exposure_us": 1e3}']
+MEANT = [b'"', b"{", b"}", b"[", b":", b",", b"null", b"true", b"\\u0000", b"e9"]
+
+
+def _read(answer: bytes) -> None:
+    try:
+        exposure_s, gain = in_force(answer)
+    except ValueError:
+        return
+    assert math.isfinite(exposure_s)
+    assert math.isfinite(gain)
+
+
+def test_any_answer_gives_finite_numbers_or_its_own_error() -> None:
+    fuzz(_read, Mutants(ANSWERS, MEANT), count=2000)
+
+
+@pytest.mark.full
+def test_a_hundred_thousand_answers_give_finite_numbers_or_their_own_error() -> None:
+    fuzz(_read, Mutants(ANSWERS, MEANT))
 
 
 def test_a_network_camera_that_is_gone_is_a_lost_link() -> None:
@@ -198,6 +252,18 @@ def test_a_usb_exposure_is_set_in_its_own_ticks_and_read_back() -> None:
     assert (exposure_s, gain) == (pytest.approx(0.0081), 1.0)
     stuck = _Controls({cv2.CAP_PROP_EXPOSURE: 50})
     refuses(DeviceFault, lambda: _v4l2(stuck).apply(0.008, 1.0))
+
+
+def test_a_gain_that_changes_by_itself_is_refused() -> None:
+    controls = _Controls()
+    controls.set(cv2.CAP_PROP_GAIN, 16)
+    camera = _v4l2(controls)
+    camera.switch_off_automatic()
+    camera.apply(0.008, 1.0)
+    controls.set(cv2.CAP_PROP_GAIN, 24)
+    error = refuses(DeviceFault, lambda: camera.apply(0.008, 1.0))
+    assert "gain" in error.message
+    assert error.code == "automatic"
 
 
 def test_automatic_exposure_that_stays_on_is_refused_or_said_aloud(
