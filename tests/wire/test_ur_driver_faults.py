@@ -212,6 +212,9 @@ IN_MOTION = [
     ("silence", {}, LOST, ""),
     pytest.param("freeze", {}, LOST, "", marks=FULL),
     ("inject", {"hex": "0000"}, LOST, ""),
+    pytest.param("inject", {"hex": "000155"}, LOST, "", marks=FULL),
+    pytest.param("inject", {"hex": "000255"}, LOST, "", marks=FULL),
+    pytest.param("inject", {"hex": "9c3b7f01e2a4" * 20}, LOST, "", marks=FULL),
     ("inject", {"hex": "000355"}, LOST, ""),
     pytest.param("inject", {"hex": "ffff55" + "00" * 40}, LOST, "", marks=FULL),
 ]
@@ -235,6 +238,36 @@ def test_a_fault_in_motion_ends_it_for_good(healed, verb, arguments, kinds, code
     after = healed.do("state")
     assert not healed.moves_since(since)
     assert after["program"] is None, "nothing may be left that can go on moving"
+
+
+@FULL
+@pytest.mark.parametrize("hex_", ["00047a01", "03e85501" + "40" * 996])
+def test_frames_that_the_client_passes_over_change_nothing(healed, hex_):
+    """A package of an unknown type; a data package longer than was agreed on."""
+    with moving(healed, data_timeout_s=2.0) as (_, mover, outcome):
+        healed.do("inject", hex=hex_)
+        mover.join(PATIENCE_S)
+        assert not mover.is_alive()
+        (end,) = outcome
+        truth = healed.do("state")
+        if isinstance(end, Exception):
+            assert isinstance(end, (*LOST, DeviceFault)), repr(end)
+            assert truth["standing"]
+        else:
+            assert end.joints == pytest.approx(FAR, abs=1e-3)
+            assert truth["joints"] == pytest.approx(FAR, abs=1e-3)
+
+
+@FULL
+def test_a_slider_that_is_pulled_to_zero_in_motion_is_a_time_out_by_name(healed):
+    with moving(healed) as (_, mover, outcome):
+        healed.do("slider", fraction=0.0)
+        mover.join(3 * PATIENCE_S)
+        assert not mover.is_alive()
+        (error,) = outcome
+        assert isinstance(error, DeviceError), repr(error)
+        assert "slider" in f"{error} {error.hint}"
+    assert healed.do("state")["program"] is None
 
 
 @pytest.mark.parametrize("hex_", ["00045501", "00145501" + "40" * 16])
