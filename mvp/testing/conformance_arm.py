@@ -22,10 +22,17 @@ if TYPE_CHECKING:
 
 
 class ArmConformance(DeviceConformance):
-    """Promises of ``mvp.devices.Arm``."""
+    """Promises of ``mvp.devices.Arm``.
+
+    Attributes:
+        tolerance: how far from a target it may stand, mm or rad.
+        slow_fraction: of full speed; the way between the targets then takes a second
+            at least, so that it can be stopped in the middle of it.
+    """
 
     role: ClassVar[Role] = "arm"
     tolerance: float = 1e-3
+    slow_fraction: float = 0.05
 
     def device(self) -> Arm:
         """A new arm, not yet opened."""
@@ -118,7 +125,7 @@ class ArmConformance(DeviceConformance):
         with self.at_first_target() as arm:
             result = meanwhile(
                 lambda: arm.move_joints(
-                    second, speed_fraction=0.05, timeout_s=TIMEOUT_S
+                    second, speed_fraction=self.slow_fraction, timeout_s=TIMEOUT_S
                 ),
                 lambda: not arm.state().standing,
                 arm.stop,

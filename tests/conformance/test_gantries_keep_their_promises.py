@@ -50,6 +50,7 @@ class OnASimulatedGantry(ArmConformance):
     keys: ClassVar[dict[str, object]] = {}
     # zero, low, high of X and Y, then of Z
     slides: ClassVar = ((-600, -1200, 0), (-600, -1200, 0), (-900, -900, 0))
+    slow_fraction = 0.005  # the simulator is twenty times as fast
     tolerance = 0.02  # mm; turning axes are as fine as a step of 1/160 deg
 
     @pytest.fixture(autouse=True)

@@ -278,8 +278,8 @@ def test_homing_finds_the_same_edge_from_both_sides(bench, start) -> None:
 
 def test_a_late_answer_is_not_taken_for_the_next_one(bench) -> None:
     b = bench()
-    lens = b.lens(answer_s=0.3)
-    b.do("hold_next", seconds=0.5)
+    lens = b.lens(answer_s=1.0)
+    b.do("hold_next", seconds=1.5)
     assert lens.state().steps() == {"zoom": 0, "focus": 0, "iris": 0}
     assert lens.home(timeout_s=60).homed
 

@@ -300,8 +300,8 @@ def test_clones_arrive_where_they_are_sent(bench, clone: str) -> None:
 def test_a_late_answer_is_not_taken_for_the_next_one(bench) -> None:
     """A late zoom position has the shape of a focus position."""
     b = bench()
-    lens = b.lens(answer_s=0.2)
-    b.do("hold_next", seconds=0.3)
+    lens = b.lens(answer_s=0.6)
+    b.do("hold_next", seconds=0.9)
     assert lens.state().steps() == {"zoom": 0x1000, "focus": 0x6000, "iris": 0x08}
 
 

@@ -118,14 +118,14 @@ def test_a_sign_of_life_restarts_the_deadline(talk) -> None:
     t = talk(lambda data: b"")
 
     def slowly() -> None:
-        for _ in range(4):
-            time.sleep(0.1)
+        for _ in range(30):
+            time.sleep(0.05)
             t.wire.say(b"busy\n")
         t.wire.say(b"ok\n")
 
     helper = threading.Thread(target=slowly)
     helper.start()
-    assert t.session.request(b"G28\n", ok_ends, timeout_s=0.3) == (b"ok",)
+    assert t.session.request(b"G28\n", ok_ends, timeout_s=1.2) == (b"ok",)
     helper.join()
 
 
@@ -268,7 +268,7 @@ def test_echoed_commands_are_taken_out(talk) -> None:
 def test_a_time_out_writes_the_traffic_down(talk, tmp_path: Path) -> None:
     t = talk(lambda data: b"half an ans", dump_folder=tmp_path / "dumps")
     with pytest.raises(DeviceTimeout) as caught:
-        t.session.request(b"$S\n", ok_ends, timeout_s=0.1)
+        t.session.request(b"$S\n", ok_ends, timeout_s=1.0)
     files = list((tmp_path / "dumps").iterdir())
     assert [f.name for f in files] == ["lens-1.wire.jsonl"]
     assert str(files[0]) in caught.value.hint
@@ -280,9 +280,9 @@ def test_a_time_out_writes_the_traffic_down(talk, tmp_path: Path) -> None:
 
 
 def test_a_device_that_never_falls_silent_is_an_error(talk, monkeypatch) -> None:
-    t = talk()
+    t = talk(quiet_s=0.8)
     t.session.fall_out_of_step()
-    monkeypatch.setattr("mvp.devices.session._DRAIN_LIMIT_S", 0.2)
+    monkeypatch.setattr("mvp.devices.session._DRAIN_LIMIT_S", 1.0)
     ending = threading.Event()
 
     def chatter() -> None:
@@ -321,7 +321,7 @@ def test_a_chatty_device_that_may_speak_unasked_is_quiet_enough(talk) -> None:
 def test_a_question_is_repeated_until_the_device_has_booted(talk) -> None:
     answers = deque([b"", b"AT garbage\n", b"ok\n"])
     t = talk(lambda data: answers.popleft())
-    frames = t.session.request_until(b"$I\n", ok_ends, timeout_s=0.05, patience_s=20)
+    frames = t.session.request_until(b"$I\n", ok_ends, timeout_s=0.5, patience_s=20)
     assert frames == (b"ok",)
 
 
@@ -355,7 +355,7 @@ def test_half_a_command_in_the_device_swallows_one_question_only(talk) -> None:
         return b"me\n" if line == b"$S\n" else b"ok\n" if line == b"G1\n" else b"?\n"
 
     def sync(ask) -> None:
-        ask(b"$S\n", lambda f: Take.DONE if f == b"me" else Take.OTHER, timeout_s=0.05)
+        ask(b"$S\n", lambda f: Take.DONE if f == b"me" else Take.OTHER, timeout_s=1)
 
     t = talk(device, sync=sync)
     with pytest.raises(DeviceTimeout):

@@ -33,7 +33,7 @@ def test_twenty_poses_are_reached_and_read_back(ur_shared):
 
 def test_state_shows_the_progress_of_a_motion(ur_shared):
     seen: list[float] = []
-    with ur_shared.arm(joint_speed_deg_s=40) as arm:
+    with ur_shared.arm(joint_speed_deg_s=20) as arm:
         arm.move_joints(HOME, timeout_s=30)
         mover = threading.Thread(
             target=lambda: arm.move_joints([0.6, *HOME[1:]], timeout_s=30)
