@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
@@ -21,6 +21,12 @@ AxisName: TypeAlias = Literal["zoom", "focus", "iris"]
 
 _BISECTIONS = 50
 _SAME_MM = 1e-6
+
+
+@lru_cache(maxsize=64)
+def _curve_through(steps: bytes, values_mm: bytes) -> PchipInterpolator:
+    """Tables are built from one file again and again, their curves once."""
+    return PchipInterpolator(np.frombuffer(steps), np.frombuffer(values_mm))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +120,9 @@ class MotorAxis:
         """+1 where the value rises with the steps, -1 where it falls."""
         return 1 if self.values_mm[-1] > self.values_mm[0] else -1
 
-    @cached_property
+    @property
     def _curve(self) -> PchipInterpolator:
-        return PchipInterpolator(self.steps, self.values_mm)
+        return _curve_through(self.steps.tobytes(), self.values_mm.tobytes())
 
     def value_mm(self, steps: ArrayLike) -> FloatArray:
         """Values at steps (also fractions); on straight lines beyond the ends."""
