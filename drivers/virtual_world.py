@@ -291,11 +291,13 @@ class VirtualWorld:
         )
         return (*own, *targets)
 
-    # Pictures.
-
     def frame_size(self) -> tuple[int, int]:
         """Columns and rows of a picture."""
         return self.belief.camera.width_px, self.belief.camera.height_px
+
+    def draw_ahead(self) -> None:
+        """Make ready what is otherwise made with the first picture."""
+        self._ready_scene().make_ready()
 
     def frame(
         self, start_s: float, exposure_s: float, *, gain: float = 1.0, index: int = 0
@@ -329,14 +331,12 @@ class VirtualWorld:
         count = self._instants(self.state(start_s), self.state(end_s))
         shares = (np.arange(count) + 0.5) / count
         states = [self.state(start_s + share * exposure_s) for share in shares]
+        lenses = [state.lens for state in states]
         return render_moving(
             self._ready_scene(),
             [state.base_from_camera for state in states],
-            lens=[
-                LensState(s.lens.d_mm, s.lens.f_mm, s.lens.a_mm, s.lens.e_mm)
-                for s in states
-            ],
-            intrinsics=self._intrinsics_at(states[0].lens),
+            lens=[LensState(one.d_mm, one.f_mm, one.a_mm, one.e_mm) for one in lenses],
+            intrinsics=self._intrinsics_at(lenses[0]),
             light=self.light,
         )
 

@@ -18,7 +18,7 @@ from mvp.cell.simulation import (
     simulation_lock,
 )
 from mvp.cell.world_building import WorldBodies, build_simulators, build_world
-from mvp.devices import DeviceContext, RealClock
+from mvp.devices import DeviceContext, DrawsAhead, RealClock
 from mvp.errors import UsageError
 
 if TYPE_CHECKING:
@@ -53,13 +53,17 @@ def hosted(
     setting = prepare(cell, task)
     bodies = WorldBodies(setting.scene.scene.part, setting.scene.fixtures_base)
     clock = RealClock()
+    world = build_world(setting.cell, bodies, clock)
     context = DeviceContext(
         clock=clock,
         rng=np.random.default_rng(0),
         folder=cell.folder,
-        world=build_world(setting.cell, bodies, clock),
+        world=world,
     )
     simulators = build_simulators(setting.cell, context)
+    if isinstance(world, DrawsAhead):
+        tell("drawing a first picture")
+        world.draw_ahead()
     with ExitStack() as stack:
         devices = {}
         for role, one in simulators.items():

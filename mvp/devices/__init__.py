@@ -70,7 +70,13 @@ from mvp.devices.serial_line import SerialTransport, TcpTransport
 from mvp.devices.session import Session
 from mvp.devices.simulator import Simulator, SimulatorClass
 from mvp.devices.transport import Transport, TransportConfig, recorded_link
-from mvp.devices.world import LampBelief, LightBelief, WorldBelief, WorldClass
+from mvp.devices.world import (
+    DrawsAhead,
+    LampBelief,
+    LightBelief,
+    WorldBelief,
+    WorldClass,
+)
 
 __all__ = [
     "AXES",
@@ -88,6 +94,7 @@ __all__ = [
     "Device",
     "DeviceContext",
     "DeviceInfo",
+    "DrawsAhead",
     "DriverClass",
     "DriverEntry",
     "DrivesStraight",

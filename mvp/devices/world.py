@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     from mvp.calibrated import CameraCalibration, LensTableCalibration
@@ -87,4 +87,13 @@ class WorldClass(Protocol):
         self, config: FileModel, belief: WorldBelief, *, clock: Clock
     ) -> object:
         """Build the world that drivers reach through ``DeviceContext.world``."""
+        ...
+
+
+@runtime_checkable
+class DrawsAhead(Protocol):
+    """A world whose first picture takes longer than those after it."""
+
+    def draw_ahead(self) -> None:
+        """Make ready what every picture needs, before a camera waits for one."""
         ...

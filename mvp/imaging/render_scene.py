@@ -68,6 +68,12 @@ class RenderScene:
         EmbreeMesh(scene, np.ascontiguousarray(corners, dtype=np.float32))
         return scene
 
+    def make_ready(self) -> None:
+        """Make everything that is otherwise made with the first picture."""
+        _ = self._embree, self.lines_mm
+        for body in self.bodies:
+            _ = body.texture and body.texture.room_texels
+
     @cached_property
     def plane_ids(self) -> IntArray:
         """(m + 1,) id of the plane of each triangle and body; the last is -1."""
