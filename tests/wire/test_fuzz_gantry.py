@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 GRBL = {
     b"$I\n": b"[VER:1.1f.20240928:]\r\n[OPT:V,100,1024,5,0]\r\n[AXS:5:XYZAB]\r\nok\r\n",
-    b"$$\n": b"$13=0\r\n$20=1\r\nok\r\n",
+    b"$$\n": b"$1=25\r\n$13=0\r\n$20=1\r\n$110=5000.0\r\n$133=350.0\r\nok\r\n",
     b"?": b"<Idle|MPos:-100.000,-200.000,-50.000,10.000,20.000|H:1|FS:0,0>\r\n",
 }
 PLACE = b"X:100.00 Y:200.00 Z:50.00 E:0.00 A:10.00 B:20.00 Count X:8000 Y:1 Z:1\nok\n"

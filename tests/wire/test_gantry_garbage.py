@@ -17,6 +17,7 @@ from drivers._gantry.grbl_identity import (
     refuse_inches,
 )
 from drivers._gantry.grbl_report import ReportReader
+from drivers._gantry.grbl_settings import setting_findings, settings_of
 from drivers._gantry.wire import Activity
 from mvp.devices import LineFramer, text
 from mvp.errors import MvpCellError
@@ -38,7 +39,7 @@ CONFIG = GantryConfig.model_validate(
 )
 LISTINGS = [
     b"[VER:1.1f.20240928:Table 3]\r\n[OPT:V,100,1024,5,0]\r\n[AXS:5:XYZAB]\r\nok\r\n",
-    b"$13=0\r\n$20=1\r\nok\r\n",
+    b"$1=25\r\n$13=0\r\n$20=1\r\n$110=5000.000\r\n$133=350.000\r\nok\r\n",
     b"<Idle|MPos:-1.000,-1.000,-1.000,0.000,0.000|Bf:100,1023|H:1>\r\n",
     b"<Run|WPos:1.000,2.000,3.000,0.000,0.000|WCO:-10.0,0.0,5.0,0.0,0.0|Pn:XY>\r\n",
     b"error:8\r\n",
@@ -75,6 +76,8 @@ def _read(lines: list[bytes]) -> Activity | None:
         assert alarm_fault(number, "grblhal", "arm").message
         assert line_error(number, "G90", "arm").message
         assert loses_home(number) in (True, False)
+    for finding in setting_findings(settings_of(frames), CONFIG.axes, "XYZAB"):
+        assert finding.detail
     for understand in (
         lambda: identity_of(frames, CONFIG, "arm"),
         lambda: refuse_inches(frames, "arm"),
