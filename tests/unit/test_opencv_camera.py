@@ -178,7 +178,10 @@ def test_nonsense_from_a_network_camera_is_a_wire_error(
     http_camera: HttpExposure, body: bytes
 ) -> None:
     _Answer.body = body
-    refuses(WireError, lambda: http_camera.apply(0.008, 1.0))
+    error = refuses(WireError, lambda: http_camera.apply(0.008, 1.0))
+    assert "8000" in error.message, "which question it was"
+    _Answer.body = b'{"exposure_us": 8000, "gain": 1}'
+    assert http_camera.apply(0.008, 1.0) == pytest.approx((0.008, 1.0))
 
 
 def test_an_answer_that_is_not_http_is_a_wire_error() -> None:
@@ -223,7 +226,9 @@ def test_a_hundred_thousand_answers_give_finite_numbers_or_their_own_error() -> 
 
 def test_a_network_camera_that_is_gone_is_a_lost_link() -> None:
     gone = HttpExposure("http://127.0.0.1:9/{exposure_us}/{gain}", (0, 1), 1, "camera")
-    refuses(LinkLost, lambda: gone.apply(0.008, 1.0))
+    error = refuses(LinkLost, lambda: gone.apply(0.008, 1.0))
+    assert "http://127.0.0.1:9/8000" in error.message
+    assert "control_url" in error.hint
 
 
 class _Controls:
