@@ -46,6 +46,7 @@ from mvp.errors import RecordError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from mvp.cell.loading import LoadedCell
     from mvp.cell.records import InputHashes
@@ -89,6 +90,18 @@ def resume_run(
         write_document(setting, folder, plan, {})
         _verify_rest(setting, folder, journal, plan, records)
         return session.drive(folder, journal, plan, left, step=options.step)
+
+
+def plan_left(run: str, out: Path) -> Plan:
+    """What a run that broke off has not captured yet, for a person to look at.
+
+    Raises:
+        RecordError: no such run, or its plan or records cannot be read.
+    """
+    folder = find_run(run, [out])
+    plan = folder.read_plan()
+    left = _not_captured(plan, folder.records())
+    return plan.model_copy(update={"views": left})
 
 
 def _first(folder: RunFolder, records: Sequence[Record]) -> RunStarted:

@@ -13,7 +13,7 @@ from mvp.cell.locate_job import locate_first, noted
 from mvp.cell.plan_job import Setting, make_plan
 from mvp.cell.report_hook import write_report_if_possible
 from mvp.cell.resume_command import resume_command
-from mvp.cell.resume_job import resume_run
+from mvp.cell.resume_job import plan_left, resume_run
 from mvp.cell.run_job import RunOptions, dry_run, require_runnable, start_run
 from mvp.cell.session import Motion, RunResult, Watcher
 from mvp.cell.simulation import refuse_other_task
@@ -92,6 +92,10 @@ class RunFlow:
     def resume(self, run: str) -> RunResult:
         """Go on with a run that broke off."""
         self._refuse_step_without_terminal()
+        left = plan_left(run, self.options.out)
+        if left.views:
+            console().print(f"left of {run}: {len(left.views)} views", markup=False)
+            print_plan(left)
         try:
             result = resume_run(self.cell, run, self.options, self._watcher())
         except OutputError as error:

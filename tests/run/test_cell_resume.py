@@ -124,7 +124,7 @@ def test_a_killed_run_is_completed(
 
 
 def test_a_picture_without_a_record_is_set_aside_and_taken_again(
-    planned: tuple[Path, Path], tmp_path: Path
+    planned: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = killed_run(planned, tmp_path, "verifying v1")
     file = folder / "records.jsonl"
@@ -134,6 +134,9 @@ def test_a_picture_without_a_record_is_set_aside_and_taken_again(
     file.write_bytes(b"".join(lines[:-1]) + lines[-1][:40])
     (folder / "images" / ".v2.png.part").write_bytes(b"half a picture")
     assert resume(planned, folder) in JUDGED
+    shown = capsys.readouterr().err  # what is left, before anything is asked
+    assert "2 views" in shown.partition("begun")[0]
+    assert "binding" in shown.partition("begun")[0]
     check_complete(folder)
     aside = sorted(p.name for p in (folder / "quarantine").iterdir())
     assert aside == ["000-v2.png.part", "001-v1.png"]
