@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from calibration.hand_eye.data import HandEyeData
     from calibration.hand_eye.result import HandEyeResult, HandEyeSolution
     from mvp.calibrated import Provenance, Quality
+    from mvp.geometry import FloatArray
 
 _NORMAL_95 = 1.96
 
@@ -72,11 +73,20 @@ def _quality(
         result.verdict,
         found.estimate,
         weakest=found.weakest.words,
-        rms_px=found.sigma_px,
+        rms_px=found.rms_px,
         error_95_mm=_NORMAL_95 * found.error_mm(stand_off_mm),
         out_of_sample_mm=float(np.sqrt((found.left_out_mm**2).mean())),
         views=[
-            ViewResidual(name=name, rms_mm=float(error))
-            for name, error in zip(data.seen.names, found.left_out_mm, strict=True)
+            ViewResidual(name=name, rms_px=float(rms), rms_mm=float(error))
+            for name, rms, error in zip(
+                data.seen.names, _of_views(found, data), found.left_out_mm, strict=True
+            )
         ],
     )
+
+
+def _of_views(found: HandEyeSolution, data: HandEyeData) -> FloatArray:
+    """(n,), root mean square of the distance of a point in each view, px."""
+    squares = (found.errors_px**2).sum(axis=1)
+    counts = np.bincount(data.seen.view)
+    return np.asarray(np.sqrt(np.bincount(data.seen.view, squares) / counts))

@@ -55,6 +55,16 @@ class HandEyeSolution:
     sigma_px: float
     left_out_mm: FloatArray
 
+    @property
+    def errors_px(self) -> FloatArray:
+        """(m, 2), foretold less found, each view with the arm where it was found."""
+        return self.estimate.residuals.reshape(-1, 2) * self.sigma_px
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square of the distance of a point, as OpenCV reports it."""
+        return float(np.sqrt((self.errors_px**2).sum(axis=1).mean()))
+
     def error_mm(self, stand_off_mm: float) -> float:
         """Expected error (root mean square) of a point on the axis at a distance."""
         lever = self.moving_from_camera.rotate(np.array([0.0, 0.0, stand_off_mm]))

@@ -7,18 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.report.model import About, LeftOut, Photo
-from calibration.wizard.comparison import (
-    compare_cameras,
-    compare_lens_tables,
-    compare_rigid,
-)
+from calibration.wizard.before import compared_with_before
 from calibration.wizard.provenance import temperature_of
-from mvp.calibrated import CameraCalibration, LensTableCalibration, RigidCalibration
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from calibration.wizard.comparison import Comparison
     from calibration.wizard.session_store import Sample, SessionStore
     from mvp.fileedge import FileModel
     from mvp.wizard import SessionFacts
@@ -57,7 +51,9 @@ def about_session(
         _facts(store),
         tuple(_photo(store, sample) for sample in samples if sample.usable),
         tuple(LeftOut(s.name, s.reason, s.action) for s in samples if not s.usable),
-        _compared(facts, document, distance_mm, point_part_mm),
+        compared_with_before(
+            facts, document, distance_mm=distance_mm, point_part_mm=point_part_mm
+        ),
         (
             ("session", store.path.name),
             ("input sha256", store.sha256()),
@@ -113,31 +109,3 @@ def _photo(store: SessionStore, sample: Sample) -> Photo:
     flat = grey if grey.ndim == 2 else grey.mean(axis=2)
     shown = np.clip(flat, 0, _WHITE).astype(np.uint8)
     return Photo(sample.name, shown, sample.found_pixels, sample.image)
-
-
-def _compared(
-    facts: SessionFacts,
-    document: FileModel | None,
-    distance_mm: float,
-    point_part_mm: Sequence[float],
-) -> Comparison | None:
-    if isinstance(document, CameraCalibration):
-        return compare_cameras(facts.camera, document, distance_mm=distance_mm)
-    if isinstance(document, LensTableCalibration):
-        sensor = facts.sensor
-        half = np.hypot(
-            sensor.width_px * sensor.pitch_x_mm, sensor.height_px * sensor.pitch_y_mm
-        )
-        f = min(document.zoom_f_mm.values_mm)
-        return compare_lens_tables(
-            facts.lens_table,
-            document,
-            distance_mm=distance_mm,
-            half_field_mm=float(half / 2 / f * distance_mm),
-        )
-    if isinstance(document, RigidCalibration):
-        part = document.schema_ == "mvp-cell/part-pose/1"
-        before = facts.part_pose if part else facts.hand_eye
-        at = point_part_mm if part else (0.0, 0.0, distance_mm)
-        return compare_rigid(before, document, at_source_mm=at)
-    return None

@@ -14,9 +14,11 @@ from calibration.projection import CAMERA_NAMES
 from calibration.report import about_session, camera_report, render_report
 from calibration.results import camera_calibration
 from calibration.verdict import Verdict
+from calibration.wizard.before import kept, line_of
 from calibration.wizard.camera_views import result_options
 from calibration.wizard.comparison import compare_cameras
 from calibration.wizard.lookout import target_of
+from calibration.wizard.points import points_of
 from calibration.wizard.provenance import provenance_of, validity_of
 from calibration.wizard.verification import HeldOutView, Verification
 from calibration.wizard.working import setting_of
@@ -74,6 +76,8 @@ def outcome_of(store: SessionStore) -> Outcome:
             "verification": held,
             "comparison": compared,
         },
+        points=points_of(samples, found.errors_px),
+        comparison=kept(compared),
     )
 
 
@@ -83,7 +87,7 @@ def _held_out(store: SessionStore, found: CameraEstimate) -> Verification:
     if not samples:
         return Verification(_WHAT, ())
     seen = store.observations(samples)
-    shape = found.shape and found.shape.shape
+    shape = found.shape.shape if found.shape else None
     views = []
     for number, name in enumerate(seen.names):
         errors = held_out_errors_px(found.camera, seen.of_views([number]), shape)
@@ -163,4 +167,4 @@ def _lines(
         )
     if found.shape is not None and found.shape.words:
         lines.append(found.shape.words)
-    return [*lines, held.words, f"against the calibration before: {compared.words}"]
+    return [*lines, held.words, line_of(compared)]

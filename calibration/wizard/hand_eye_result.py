@@ -19,7 +19,10 @@ from calibration.hand_eye import (
 from calibration.poses import Poses, difference, only
 from calibration.report import about_session, hand_eye_report, render_report
 from calibration.verdict import Verdict
+from calibration.wizard.before import kept, line_of
+from calibration.wizard.comparison import compare_rigid
 from calibration.wizard.lookout import camera_at, target_of
+from calibration.wizard.points import points_of
 from calibration.wizard.provenance import provenance_of, validity_of
 from calibration.wizard.verification import Verification, verify_hand_eye
 from calibration.wizard.working import Setting, setting_of
@@ -171,6 +174,7 @@ def _told(
         reference_f_mm=lens.f_mm,
         validity=validity_of(store),
     )
+    before = compare_rigid(facts.hand_eye, document, at_source_mm=(0.0, 0.0, stand_off))
     error = solution.error_mm(stand_off)
     place, turn = solution.robot_sigmas[0], np.degrees(solution.robot_sigmas[1])
     lines = (
@@ -179,6 +183,7 @@ def _told(
         f"the robot's poses agree to {place:.3f} mm and {turn:.4f} deg (one sigma on "
         "each axis)",
         held.words,
+        line_of(before),
     )
     return Outcome(
         KEY,
@@ -191,6 +196,8 @@ def _told(
             "verification": held,
             "stand_off_mm": stand_off,
         },
+        points=points_of(store.usable(), solution.errors_px),
+        comparison=kept(before),
     )
 
 

@@ -11,11 +11,12 @@ from calibration.camera_start import poses_with
 from calibration.lens_table import LensNode, Measured, PixelGrid, node_from_views
 from calibration.lens_table.edge_blur import EdgeBlurs, edge_blurs, optics_of
 from calibration.lens_table.sharpness import sharp_place
-from calibration.projection import PinholeCamera
+from calibration.projection import PinholeCamera, project
 from calibration.wizard.lens_nodes import NODE, samples_of
 from calibration.wizard.lens_plan import NodePlan
 from calibration.wizard.lens_travel import measured, share_of, stops_of
 from calibration.wizard.lookout import layout_of, target_of
+from calibration.wizard.points import points_of
 from mvp.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from calibration.camera import CameraEstimate
     from calibration.observations import Observations
     from calibration.wizard.session_store import Sample, SessionStore
+    from mvp.calibrated import PointResiduals
     from mvp.geometry import FloatArray
 
 PLAN = "nodes"
@@ -39,11 +41,13 @@ class NodeResult:
         node: for the table.
         camera: as measured at this setting.
         pictures: the camera fit and what it was made from; None for a travel.
+        points: residuals of every view or stop.
     """
 
     node: LensNode
     camera: PinholeCamera
     pictures: tuple[CameraEstimate, Observations] | None = None
+    points: tuple[PointResiduals, ...] = ()
 
 
 def plan_of(store: SessionStore) -> tuple[NodePlan, ...]:
@@ -74,7 +78,10 @@ def node_of(store: SessionStore, plan: NodePlan) -> NodeResult | None:
         folds=0,
     )
     sharp = _sharp(store, samples, found.state, node.f_cal_mm)
-    return NodeResult(replace(node, sharp_mm=sharp), found.camera, (found, seen))
+    points = points_of(samples, found.errors_px)
+    return NodeResult(
+        replace(node, sharp_mm=sharp), found.camera, (found, seen), points
+    )
 
 
 def _from_travel(store: SessionStore, plan: NodePlan) -> NodeResult | None:
@@ -93,9 +100,15 @@ def _from_travel(store: SessionStore, plan: NodePlan) -> NodeResult | None:
     ratio = sensor.pitch_x_mm / sensor.pitch_y_mm
     camera = PinholeCamera(f_px, f_px * ratio, cx, cy, k1)
     samples = stops_of(store, plan)
-    state = poses_with(camera, store.observations(samples))
+    seen = store.observations(samples)
+    state = poses_with(camera, seen)
     sharp = _sharp(store, samples, state, node.f_cal_mm)
-    return NodeResult(replace(node, sharp_mm=sharp), camera)
+    foretold = [
+        project(camera, *pose, seen.of_view(k)[0])
+        for k, pose in enumerate(zip(state.rotation, state.translation_mm, strict=True))
+    ]
+    points = points_of(samples, np.concatenate(foretold) - seen.pixels)
+    return NodeResult(replace(node, sharp_mm=sharp), camera, points=points)
 
 
 def _sharp(

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
-import numpy as np
-
 from calibration.lens_table import LensTables
 from calibration.report import (
     about_session,
@@ -14,6 +12,7 @@ from calibration.report import (
     refused_report,
     render_report,
 )
+from calibration.wizard.lens_work import working_mm
 from calibration.wizard.verification import Verification
 from mvp.errors import CalibrationError
 
@@ -34,7 +33,7 @@ def page_of(store: SessionStore, outcome: Outcome) -> str:
     tables = outcome.details.get("tables")
     if not isinstance(tables, LensTables):
         raise TypeError("not the outcome of a lens session")
-    distance = facts.working_mm or _middle_mm(tables)
+    distance = working_mm(facts, tables)
     about = about_session(store, outcome.document, distance_mm=distance)
     if tables.table is None:
         why = CalibrationError(
@@ -53,9 +52,3 @@ def page_of(store: SessionStore, outcome: Outcome) -> str:
     )
     words = (held.words,) if isinstance(held, Verification) else ()
     return render_report(replace(data, notes=(*data.notes, *words)))
-
-
-def _middle_mm(tables: LensTables) -> float:
-    """Where the nodes were sharp, in the middle."""
-    _, distances, _ = tables.fit.seen.measured("sharp_mm")
-    return float(np.median(distances))

@@ -25,12 +25,16 @@ from calibration.lens_table import (
 )
 from calibration.lens_table.edge_blur import EdgeBlurs
 from calibration.lens_table.sharpness import blur_shots
+from calibration.wizard.before import half_field_mm, kept, line_of
+from calibration.wizard.compare_lens import compare_lens_tables
 from calibration.wizard.lens_motors import IRIS, hysteresis_of, plan_sides
 from calibration.wizard.lens_node_result import NodeResult, blur_of, node_of, plan_of
 from calibration.wizard.lens_nodes import samples_of
+from calibration.wizard.lens_work import OnTheWork, left_out_mm, on_the_work
+from calibration.wizard.points import rms_px
 from calibration.wizard.provenance import provenance_of, temperature_of
 from calibration.wizard.verification import HeldOutView, Verification, with_causes
-from mvp.calibrated import AxisTable, LensTableCalibration, Quality
+from mvp.calibrated import AxisTable, LensTableCalibration, Quality, ViewResidual
 from mvp.errors import CalibrationError
 from mvp.optics import principal_distance_mm
 from mvp.wizard import Outcome
@@ -193,7 +197,7 @@ def _foretold(
     )
     error = found.camera.fx_px * sensor.pitch_x_mm - wanted
     own = found.sigma_of("fx_px") * sensor.pitch_x_mm
-    table = float(np.hypot(tables.fit.d_sigma_mm.max(), _left_out_mm(tables)))
+    table = float(np.hypot(tables.fit.d_sigma_mm.max(), left_out_mm(tables)))
     return HeldOutView(
         f"zoom {steps['zoom']} focus {steps['focus']}",
         abs(float(error)),
@@ -212,16 +216,6 @@ def _usual(nodes: Sequence[NodeResult]) -> tuple[tuple[str, float, float], ...]:
     )
 
 
-def _left_out_mm(tables: LensTables) -> float:
-    """Error of the curves of f and x at nodes that were left out."""
-    errors = [
-        float(np.sqrt(np.mean(curve.left_out_mm**2)))
-        for name, curve in tables.curves.items()
-        if name != "iris" and len(curve.left_out_mm)
-    ]
-    return float(np.sqrt(sum(error**2 for error in errors)))
-
-
 # -------------------------------------------------------------------------- the file
 
 
@@ -237,7 +231,8 @@ def _told(
     )
     document = calibration_file(tables, identity)
     stamp = provenance_of(store, "lens", document.provenance.method)
-    quality = with_causes(document.quality, held.causes())
+    work = on_the_work(facts, tables)
+    quality = with_causes(_quality(document.quality, nodes, work, held), held.causes())
     document = document.model_copy(
         update={
             "provenance": stamp,
@@ -245,17 +240,50 @@ def _told(
             "focus_extension_mm": _without_tube(document, facts.tube_mm),
         }
     )
+    before = compare_lens_tables(
+        facts.lens_table,
+        document,
+        distance_mm=work.distance_mm,
+        half_field_mm=half_field_mm(facts, document, work.distance_mm),
+    )
     return Outcome(
         KEY,
         document,
         quality,
-        _lines(tables, held),
+        (work.words, *_lines(tables, held), line_of(before)),
         {
             "tables": tables,
             "nodes": tuple(nodes),
             "pictures": [one.pictures for one in nodes if one.pictures],
             "verification": held,
         },
+        points=tuple(point for one in nodes for point in one.points),
+        comparison=kept(before),
+    )
+
+
+def _quality(
+    quality: Quality,
+    nodes: Sequence[NodeResult],
+    work: OnTheWork,
+    held: Verification,
+) -> Quality:
+    """With what pictures leave at every node, and errors in mm."""
+    views = [
+        ViewResidual(
+            name=f"zoom {one.node.zoom} focus {one.node.focus}",
+            rms_px=rms_px(one.points),
+        )
+        for one in nodes
+    ]
+    own = quality.out_of_sample_mm
+    return quality.model_copy(
+        update={
+            "rms_px": rms_px([point for one in nodes for point in one.points]),
+            "error_95_mm": work.across_95_mm,
+            "out_of_sample_mm": held.error if held.views else own,
+            "views": views,
+        }
     )
 
 

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.part_pose import HandEye, PartView, by_camera, resect
+from calibration.part_pose.problem import PoseProblem
 from calibration.wizard.hand_eye_result import camera_prior
 from calibration.wizard.part_sight import sight_of
+from calibration.wizard.points import residuals
 from calibration.wizard.working import Setting
 from mvp.planning.probability_errors import PoseChain
 
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from calibration.part_pose import LocatedPart, PartSight, Resection
     from calibration.projection import PinholeCamera
     from calibration.wizard.session_store import Sample
+    from mvp.calibrated import PointResiduals
     from mvp.geometry import Pose
     from mvp.wizard import SessionFacts
 
@@ -103,3 +106,21 @@ def rms_px_of(pictured: Pictured) -> float:
         [np.repeat(sight.circles.sigmas_px, 2), sight.edges.sigmas_px]
     )
     return float(np.sqrt(np.mean((residuals * sigmas) ** 2)))
+
+
+def points_of_part(pictured: Pictured) -> PointResiduals:
+    """What the pose leaves of rims and of places on edges; of these, across the edge."""
+    camera, sight = pictured.camera, pictured.sight
+    pose = pictured.resection.best.camera_from_part
+    problem = PoseProblem.of(camera, sight)
+    off = problem.residuals((pose.rotation, pose.translation_mm))
+    rims = 2 * len(sight.circles.pixels)
+    errors = [(off[:rims].reshape(-1, 2)) * sight.circles.sigmas_px[:, None]]
+    ends = pose.apply(sight.edges.ends_part_mm.reshape(-1, 3)).reshape(-1, 2, 3)
+    line = np.cross(ends[:, 0], ends[:, 1])[:, :2] / [camera.fx_px, camera.fy_px]
+    across = line / np.linalg.norm(line, axis=1, keepdims=True)
+    lengths = off[rims:] * sight.edges.sigmas_px
+    errors.append(-lengths[:, None] * across[sight.edges.edge])
+    names = [sight.edges.names[edge] for edge in sight.edges.edge]
+    ids = [*sight.circles.names, *names]
+    return residuals(pictured.sample.name, ids, np.concatenate(errors))

@@ -16,6 +16,8 @@ from calibration.part_pose import (
 )
 from calibration.results import quality_of
 from calibration.verdict import Cause, Limit, Verdict, judged
+from calibration.wizard.before import kept, line_of
+from calibration.wizard.comparison import compare_rigid
 from calibration.wizard.hand_eye_result import camera_prior
 from calibration.wizard.part_held_out import held_out, left_out, not_wanted
 from calibration.wizard.part_pictured import (
@@ -23,6 +25,7 @@ from calibration.wizard.part_pictured import (
     chain_of,
     hand_eye_of,
     pictured_of,
+    points_of_part,
     rms_px_of,
     setting_of_sample,
 )
@@ -153,9 +156,12 @@ def outcome_of(store: SessionStore) -> Outcome:
         found = replace(found, verdict=judged(found.verdict.causes, held.causes()))
     others = left_out(store.facts, found.pictured, found.hand_eye)
     quality = _quality(found, held if held.views else others)
-    lines = (*_lines(found), *_tested(store, held, others))
+    document = _file(store, found, quality)
+    before = compare_rigid(store.facts.part_pose, document, at_source_mm=_middle(found))
+    lines = (*_lines(found), *_tested(store, held, others), line_of(before))
     details = {"found": found, "verification": held}
-    return Outcome(KEY, _file(store, found, quality), quality, lines, details)
+    points = tuple(points_of_part(one) for one in found.pictured)
+    return Outcome(KEY, document, quality, lines, details, points, kept(before))
 
 
 def _tested(
@@ -282,11 +288,17 @@ def _quality(found: Found, tested: Verification) -> Quality:
 
 def middle_sigma_mm(found: Found) -> float:
     """How unsure the middle of the features is in the cell, all three axes."""
-    places = np.concatenate([p.sight.places_part_mm for p in found.pictured])
-    lever = found.located.base_from_part.rotate(places.mean(axis=0))
+    lever = found.located.base_from_part.rotate(np.array(_middle(found)))
     x, y, z = lever
     at = np.hstack([np.eye(3), -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])])
     return float(np.sqrt(np.trace(at @ found.located.covariance @ at.T)))
+
+
+def _middle(found: Found) -> list[float]:
+    """The middle of the features that were seen, part frame."""
+    places = np.concatenate([p.sight.places_part_mm for p in found.pictured])
+    middle: list[float] = places.mean(axis=0).tolist()
+    return middle
 
 
 def _weakest(found: Found) -> str:

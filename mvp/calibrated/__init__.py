@@ -17,6 +17,11 @@ from mvp.calibrated.models import (
     VerdictCause,
     ViewResidual,
 )
+from mvp.calibrated.session_result import (
+    PointResiduals,
+    ResultComparison,
+    ResultDifference,
+)
 from mvp.calibrated.target_print import TargetKind, TargetPrint
 from mvp.calibrated.zoom_table import ZoomTable
 
@@ -29,8 +34,11 @@ __all__ = [
     "LensTableCalibration",
     "LensValidity",
     "NamedCovariance",
+    "PointResiduals",
     "Provenance",
     "Quality",
+    "ResultComparison",
+    "ResultDifference",
     "RigidCalibration",
     "TargetKind",
     "TargetPrint",

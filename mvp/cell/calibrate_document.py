@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, JsonValue
 
-from mvp.calibrated import Quality
+from mvp.calibrated import PointResiduals, Quality, ResultComparison
 from mvp.fileedge import FileModel
 
 CALIBRATE_SCHEMA: Literal["mvp-cell/calibrate/1"] = "mvp-cell/calibrate/1"
@@ -18,7 +18,9 @@ class CalibrateDocument(FileModel):
     ``document``: the calibration file, as it is or would be put in place. ``placed``:
     where it was put; null when nothing was. ``kept``: where the calibration that it
     replaced is kept. ``same_numbers``: of a session that was computed again: whether the
-    result is the one that its ``result.json`` has; null when there is none.
+    result is the one that its ``result.json`` has; null when there is none. ``points``:
+    residuals of every point of every view. ``comparison``: with the result that was in
+    place when the session began; null without a result.
     """
 
     schema_: Literal["mvp-cell/calibrate/1"] = Field(
@@ -34,6 +36,8 @@ class CalibrateDocument(FileModel):
     lines: list[str]
     quality: Quality
     document: JsonValue = None
+    comparison: ResultComparison | None = None
+    points: list[PointResiduals] = Field(default_factory=list)
     placed: str | None = None
     kept: str | None = None
     report: str | None = None

@@ -99,6 +99,8 @@ def _document(store: Store, outcome: Outcome) -> CalibrateDocument:
         lines=list(outcome.lines),
         quality=outcome.quality,
         document=_plain(outcome.document),
+        comparison=outcome.comparison,
+        points=list(outcome.points),
     )
 
 

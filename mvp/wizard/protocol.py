@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from mvp.calibrated import Quality
+    from mvp.calibrated import PointResiduals, Quality, ResultComparison
     from mvp.fileedge import FileModel
     from mvp.geometry import FloatArray, Pose, TriangleMesh
     from mvp.kinematics import ArmModel
@@ -262,6 +262,8 @@ class Outcome:
         quality: with verdict, causes and next action; also that of the document.
         lines: the result in words and millimetres, for a person.
         details: plain data and arrays for the report, by name.
+        points: residuals point by point, for the session's folder.
+        comparison: with the result that was in place; None without a result.
     """
 
     key: str
@@ -269,6 +271,8 @@ class Outcome:
     quality: Quality
     lines: Sequence[str] = ()
     details: Mapping[str, object] = field(default_factory=dict)
+    points: Sequence[PointResiduals] = ()
+    comparison: ResultComparison | None = None
 
 
 class Wizard(Protocol[StoreT]):

@@ -10,6 +10,7 @@ import pytest
 
 from mvp.cli.main import invoke
 from tests.calibrated_cells import assert_as_good_as_stated, calibrate_all
+from tests.complete_results import missing_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,6 +68,10 @@ def test_four_calibrations_turn_a_failing_cell_into_one_that_passes(
 ) -> None:
     calibrate_all(folder, capsys)
     assert_as_good_as_stated(folder)
+    results = sorted(folder.glob("calibration/sessions/*/result.json"))
+    missing = {p.parent.name: missing_of(json.loads(p.read_text())) for p in results}
+    assert len(missing) == 4
+    assert not any(missing.values()), missing
     code, document, plan, _ = ran(folder, capsys)
     assert code == 0
     assert document["status"] == "verified"

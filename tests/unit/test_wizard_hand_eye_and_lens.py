@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from mvp.calibrated import (
     RigidCalibration,
     TargetPrint,
 )
+from mvp.cell.calibrate_result import keep_result
 from mvp.errors import CalibrationError
 from mvp.geometry import Pose
 from mvp.imaging.printed_target import printed_target
@@ -35,6 +37,7 @@ from mvp.optics import LensTable, principal_distance_mm
 from mvp.testing import example_belief, virtual_cell
 from mvp.testing.virtual_bench import VirtualBench
 from mvp.wizard import Allow, Ask, SessionFacts, WizardOptions, Word
+from tests.complete_results import missing_of
 
 WIDTH, HEIGHT = 320, 256
 BOARD = {
@@ -236,6 +239,16 @@ def test_held_out_views_had_no_part(hand_eye):
     assert names.isdisjoint(view.name for view in outcome.quality.views)
     assert held.ratio < 3
     assert len(store.usable("verification")) == 4
+
+
+def test_nothing_is_left_open_in_the_result(hand_eye):
+    _, store, _, outcome = hand_eye
+    document = keep_result(store.path / "hand_eye.json", store, outcome)
+    assert missing_of(json.loads(document.model_dump_json(by_alias=True))) == []
+    lengths = np.concatenate([np.hypot(p.dx_px, p.dy_px) for p in outcome.points])
+    assert outcome.quality.rms_px == pytest.approx(
+        np.sqrt((lengths**2).mean()), rel=0.01
+    )
 
 
 def test_a_session_without_a_usable_view_says_what_to_do(tmp_path, hand_eye):
