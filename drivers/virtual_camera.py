@@ -147,7 +147,7 @@ class VirtualCamera:
         """
         self._link.require_open()
         with self._link.busy(self._clock.now_s) as began_s:
-            return self._next_frame(not_before_s, began_s + timeout_s)
+            return self._next_frame(not_before_s, began_s, timeout_s)
 
     @property
     def _period_s(self) -> float:
@@ -168,10 +168,10 @@ class VirtualCamera:
         """When the exposure of a frame begins."""
         return self._began_s + (frame_id - self._first_id) * self._period_s
 
-    def _queue(self, not_before_s: float) -> Iterator[int]:
+    def _queue(self, not_before_s: float, now_s: float) -> Iterator[int]:
         """Ids of the frames as the device delivers them: old ones may come first."""
         faults = self._world.faults.camera
-        since = max(not_before_s, self._clock.now_s() - self._period_s) - self._began_s
+        since = max(not_before_s, now_s - self._period_s) - self._began_s
         fresh = self._first_id + max(0, math.ceil(since / self._period_s))
         fresh = max(fresh, self._last_id + 1)
         yield from range(max(self._first_id, fresh - faults.stale_frames), fresh)
@@ -179,10 +179,16 @@ class VirtualCamera:
             yield fresh
             fresh += 1
 
-    def _next_frame(self, not_before_s: float, deadline: float) -> Frame:
+    def _next_frame(self, not_before_s: float, now_s: float, timeout_s: float) -> Frame:
+        """Which one it is, and whether in time, follows from when it was asked for.
+
+        Not from when this was reckoned: on a busy computer and by a fast clock seconds
+        lie between the two.
+        """
         faults = self._world.faults.camera
+        deadline = now_s + timeout_s
         dropped = 0
-        for frame_id in self._queue(not_before_s):
+        for frame_id in self._queue(not_before_s, now_s):
             start = self._start_s(frame_id)
             received = start + self._exposure_s + self._config.readout_s
             dead = faults.dead_after_frames
