@@ -22,6 +22,8 @@ from mvp.wizard import Ask, Say, Word
 if TYPE_CHECKING:
     from collections.abc import Generator
 
+    from pydantic import JsonValue
+
     from calibration.hand_eye import HandEyeSolution
     from calibration.wizard.session_store import SessionStore
     from mvp.geometry import FloatArray
@@ -90,7 +92,7 @@ def with_touch(store: SessionStore, outcome: Outcome) -> Outcome:
     )
 
 
-def _parsed(said: str) -> list[float] | None:
+def _parsed(said: str) -> list[JsonValue] | None:
     """Three numbers in mm; with a comma for a point where blanks are between them."""
     words = said.split() if len(said.split()) == 3 else re.split(r"[,;]\s*", said)
     try:
@@ -98,7 +100,7 @@ def _parsed(said: str) -> list[float] | None:
     except ValueError:
         return None
     good = len(place) == 3 and np.isfinite(place).all()
-    return place if good and np.linalg.norm(place) > _METRES else None
+    return [*place] if good and np.linalg.norm(place) > _METRES else None
 
 
 def _compared(
