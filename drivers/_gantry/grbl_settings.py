@@ -42,8 +42,9 @@ def settings_doubts(
     lines = session.request_until(b"$$\n", accept, timeout_s=config.answer_s, tries=3)
     refuse_inches(lines, name)
     found = setting_findings(settings_of(lines), config.axes, letters)
-    for one in found:
-        _LOG.warning("%s: %s: %s", name, one.name, one.detail)
+    if found:
+        said = "; ".join(f"{one.name}: {one.detail}" for one in found)
+        _LOG.warning("%s: %s", name, said)
     return found
 
 

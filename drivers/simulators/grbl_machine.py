@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from drivers.simulators.gcode_words import WordError, cleaned, words
 from drivers.simulators.grbl_lines import Receiver, Speaker
 from drivers.simulators.grbl_motion import MotionControl
-from drivers.simulators.grbl_profiles import PROFILES, GrblConfig
+from drivers.simulators.grbl_profiles import GrblConfig, profile_of
 from drivers.simulators.grbl_status import StatusWriter, settings_of
 from drivers.simulators.grbl_words import Modal, parsed
 
@@ -38,7 +38,7 @@ class GrblMachine:
 
     def __init__(self, config: GrblConfig) -> None:
         self._config = config
-        self.profile = PROFILES[config.profile]
+        self.profile = profile_of(config)
         self.settings = settings_of(config) | config.settings
         self._speaker = Speaker(sticky=self.profile.sticky_error)
         self._receiver = Receiver(self.profile)

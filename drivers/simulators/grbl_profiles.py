@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 
 from pydantic import Field
 
@@ -105,6 +105,31 @@ PROFILES: dict[str, Profile] = {
 }
 
 
+Quirk: TypeAlias = Literal[
+    "dead_after_alarm", "counts_both_ends", "coalesces_queries", "small_buffer"
+]
+
+
+def profile_of(config: GrblConfig) -> Profile:
+    """The firmware, with the quirks of GRBL 1.1 that the machine has as well."""
+    grbl, profile = PROFILES["grbl"], PROFILES[config.profile]
+    if "dead_after_alarm" in config.quirks:
+        profile = replace(profile, dead_after_alarm=grbl.dead_after_alarm)
+    if "counts_both_ends" in config.quirks:
+        profile = replace(profile, counts_both_ends=grbl.counts_both_ends)
+    if "coalesces_queries" in config.quirks:
+        profile = replace(profile, answers_every_query=grbl.answers_every_query)
+    if "small_buffer" in config.quirks:
+        profile = replace(
+            profile,
+            rx_bytes=grbl.rx_bytes,
+            blocks=grbl.blocks,
+            line_max=grbl.line_max,
+            bytes_per_line=grbl.bytes_per_line,
+        )
+    return profile
+
+
 def camera_gantry() -> tuple[AxisSettings, ...]:
     """X, Y, Z with switches at their positive ends; A pans, B tilts, neither homed."""
     places = (("X", 1200, -600, 600), ("Y", 1200, -600, 600), ("Z", 900, -300, 900))
@@ -137,6 +162,9 @@ class GrblConfig(LineSettings, RateSettings):
         hold_byte: whether ``!`` and ``~`` act.
         user_text: of ``$I``, which an owner writes into the controller.
         settings: ``$`` numbers that differ from what the other keys say.
+        quirks: of GRBL 1.1, which some boards with more axes share: nothing is answered
+            after a limit alarm until a reset, CR LF are two lines, many ``?`` are
+            answered once, 128 bytes of receive buffer.
         auto_report_s: FluidNC and grblHAL may report unasked; 0 for never.
     """
 
@@ -152,6 +180,7 @@ class GrblConfig(LineSettings, RateSettings):
     boot_s: float = Field(default=0.5, ge=0)
     user_text: str = ""
     settings: dict[str, str] = Field(default_factory=dict)
+    quirks: tuple[Quirk, ...] = ()
     auto_report_s: float = Field(default=0.0, ge=0)
 
     @property
