@@ -113,9 +113,20 @@ def _by_usb(wanted: re.Match[str], device: str) -> str:
         raise ConnectError(
             f"{len(found)} USB devices are {wanted[0]}",
             device=device,
-            hint=f"add the serial number: {'; '.join(map(str, found))}",
+            hint=_told_apart(found),
         )
     return found[0].path
+
+
+def _told_apart(found: list[PortFound]) -> str:
+    """How to name one of them; many adapters have no serial number, or all the same."""
+    names = "; ".join(map(str, found))
+    if len({port.usb for port in found}) == len(found):
+        return f"add the serial number: {names}"
+    return (
+        "these have no serial numbers of their own: name the USB socket, by its link in "
+        f"/dev/serial/by-path, and leave it there: {names}"
+    )
 
 
 def _links() -> dict[str, str]:
