@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.stats import chi2
 
+from calibration.estimate import IMPROBABLE
 from calibration.planar import homography
 from calibration.verdict import Cause, Limit, Verdict, judged
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from calibration.bundle import BundleState
     from calibration.estimate import Estimate
     from calibration.observations import Observations
@@ -93,12 +97,13 @@ def judge_camera(
     view_rms_px: FloatArray,
     apart_rms_px: FloatArray,
     out_of_sample_px: float | None,
-    sigma_assumed_px: float | None,
     faces_camera: bool,
+    more: Iterable[Cause] = (),
 ) -> Verdict:
     """GO, MARGINAL or NO-GO, with every cause.
 
     ``apart_rms_px``: residuals of the views where a wrong one is not shared out.
+    ``more``: what noise and target say.
     """
     counts = np.bincount(seen.view)
     rms = float(np.sqrt((view_rms_px**2 @ counts) / counts.sum()))
@@ -112,7 +117,7 @@ def judge_camera(
         _sigma_causes(state, estimate),
         RESIDUAL.check(rms / np.sqrt(2)),
         () if out_of_sample_px is None else _held_out(out_of_sample_px, rms),
-        noise_causes(estimate, sigma_assumed_px),
+        more,
         () if estimate.converged else (_NOT_CONVERGED,),
     )
 
@@ -155,29 +160,51 @@ def _filled_percent(seen: Observations) -> float:
     return float(100 * reach.min())
 
 
-def doubtful(
-    estimate: Estimate, view_rms_px: FloatArray, sigma_assumed_px: float | None
-) -> bool:
+def doubtful(view_rms_px: FloatArray) -> bool:
     """One wrong view may hide among the others: they share its error."""
     uneven = float(view_rms_px.max()) > _UNEVEN * float(np.median(view_rms_px))
-    above = sigma_assumed_px is not None and estimate.inflated
     large = float(np.sqrt((view_rms_px**2).mean() / 2)) > RESIDUAL.marginal
-    return bool(uneven or above or large)
+    return bool(uneven or large)
 
 
 def noise_causes(
-    estimate: Estimate, sigma_assumed_px: float | None
+    estimate: Estimate,
+    stated_px: float | None,
+    *,
+    found_px: float = 0.0,
+    most_px: float | None = None,
 ) -> tuple[Cause, ...]:
-    """Residuals that contradict the noise that was assumed."""
-    if sigma_assumed_px is None or not estimate.inflated:
+    """Residuals that contradict the noise that was stated.
+
+    Args:
+        estimate: of the fit.
+        stated_px: what a coordinate's noise is; None: not known.
+        found_px: the noise that whitened the residuals, where it is not known.
+        most_px: what noise may reach at most; None: anything.
+    """
+    freedom, factor = estimate.degrees_of_freedom, estimate.variance_factor
+    if stated_px is not None:
+        contradicted, limit, words = estimate.inflated, stated_px, "assumed"
+        probability = estimate.probability
+    elif most_px is not None and freedom > 0:
+        limit, words = most_px, "largest"
+        factor *= (found_px / most_px) ** 2
+        probability = float(chi2.sf(freedom * factor, freedom))
+        contradicted = probability < IMPROBABLE
+    else:
         return ()
-    factor = float(np.sqrt(estimate.variance_factor))
+    if not contradicted:
+        return ()
+    times = float(np.sqrt(factor))
     message = (
-        f"the residuals are {factor:.2g} times the assumed noise of "
-        f"{sigma_assumed_px:.3g} px (probability {estimate.probability:.1g})"
+        f"the residuals are {times:.2g} times the {words} noise of {limit:.3g} px "
+        f"(probability {probability:.1g})"
     )
-    action = "state the true noise, free more distortion terms, or check the target"
-    grade: Grade = "no-go" if factor > _FAR_ABOVE_NOISE else "marginal"
+    action = (
+        "look at the residuals of single views; check the target (flat and stiff, its "
+        "layout), free more distortion terms, or state the true noise"
+    )
+    grade: Grade = "no-go" if times > _FAR_ABOVE_NOISE else "marginal"
     return (Cause("residuals-above-noise", grade, message, action),)
 
 

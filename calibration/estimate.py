@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 State = TypeVar("State")
 Jacobian: TypeAlias = FloatArray | sparse.csr_matrix
 
-_IMPROBABLE = 1e-3
+IMPROBABLE = 1e-3
 _FLOOR = 1e-15
 _FIRST_DAMPING = 1e-4
 _DAMPING_LIMIT = 1e12
@@ -195,7 +195,7 @@ def describe(
     total = float((weights * residuals**2).sum())
     factor = total / freedom if freedom > 0 else 1.0
     probability = float(chi2.sf(total, freedom)) if freedom > 0 else 1.0
-    inflated = not options.noise_known or (probability < _IMPROBABLE)
+    inflated = not options.noise_known or (probability < IMPROBABLE)
     covariance, condition = _inverse(information)
     covariance = covariance * (factor if inflated else 1.0)
     return Estimate(

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from calibration.camera import CameraEstimate
     from calibration.lens_table.nodes import Measured
     from calibration.observations import Observations
+    from calibration.target_shape import ShapePrior
 
 _FREE = ("fx_px", "cx_px", "cy_px", "k1")
 
@@ -28,11 +29,13 @@ class PixelGrid:
         pitch_y_mm: height of a pixel.
         sigma_px: one standard deviation of a found coordinate; None: not known, then it
             is taken from the residuals.
+        largest_noise_px: residuals beyond it are not noise; None: any size is believed.
     """
 
     pitch_x_mm: float
     pitch_y_mm: float
     sigma_px: float | None = None
+    largest_noise_px: float | None = None
 
 
 def node_from_views(
@@ -42,6 +45,7 @@ def node_from_views(
     *,
     sharp_mm: Measured | None = None,
     pupil_mm: Measured | None = None,
+    shape: ShapePrior | None = None,
     folds: int = 5,
 ) -> tuple[LensNode, CameraEstimate]:
     """Calibrate a camera whose pixels are known: one principal distance, centre, k1.
@@ -52,6 +56,8 @@ def node_from_views(
         pixels: of the sensor.
         sharp_mm: distance in best focus from the entrance pupil.
         pupil_mm: place of the entrance pupil along the axis.
+        shape: what is known of the target's flatness, which is then estimated with the
+            node; None: the target is taken to be exactly as stated.
         folds: of the cross-validation over views; 0: none.
 
     Returns:
@@ -66,6 +72,8 @@ def node_from_views(
         aspect=pixels.pitch_x_mm / pixels.pitch_y_mm,
         sigma_px=pixels.sigma_px,
         folds=folds,
+        shape=shape,
+        largest_noise_px=pixels.largest_noise_px,
     )
     found = calibrate_camera(seen, options)
     index = [CAMERA_NAMES.index(name) for name in _FREE]

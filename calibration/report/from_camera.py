@@ -80,9 +80,15 @@ def camera_report(
         notes=(
             f"Worst determined combination: {found.weakest.words}.",
             "The principal distances belong to the lens setting of these pictures.",
+            *_shape_words(found),
             *_target_words(target_share),
         ),
     )
+
+
+def _shape_words(found: CameraEstimate) -> tuple[str, ...]:
+    words = found.shape.words if found.shape else ""
+    return (f"{words[0].upper()}{words[1:]}.",) if words else ()
 
 
 def _target_words(share: float) -> tuple[str, ...]:

@@ -10,8 +10,9 @@ import numpy as np
 from calibration.bundle import BundleState, Freedom, freedom
 from calibration.camera import CameraOptions, calibrate_camera
 from calibration.poses import Poses
+from calibration.target_shape import ShapePrior
 from calibration.wizard.coverage import Coverage, coverage, fields_of
-from calibration.wizard.lookout import camera_at, focus_at
+from calibration.wizard.lookout import camera_at, focus_at, layout_of, target_of
 from calibration.wizard.next_pose import (
     Knowledge,
     TargetViews,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 FREE = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
 _SIGMA_PX, _LEAST_PX = 0.15, 0.03
+LARGEST_NOISE_PX = 0.2
 _NEAR, _FAR = 0.7, 1.4
 _TILT_RAD = float(np.radians(38.0))
 _CALM_TILT_RAD = float(np.radians(25.0))
@@ -44,12 +46,24 @@ _PLAUSIBLE = (("k2", 0.0, 0.5), ("p1", 0.0, 3e-3), ("p2", 0.0, 3e-3))
 def result_options(facts: SessionFacts) -> CameraOptions:
     """How the result is computed: one principal distance, as the pixels are known."""
     sensor = facts.sensor
+    return camera_options(sensor.pitch_x_mm / sensor.pitch_y_mm, shape_prior(facts))
+
+
+def camera_options(aspect: float, shape: ShapePrior) -> CameraOptions:
+    """The same for pixels of one aspect, and a target that is known so well."""
     return CameraOptions(
         free=FREE,
         tied_focal=True,
-        aspect=sensor.pitch_x_mm / sensor.pitch_y_mm,
+        aspect=aspect,
         priors=_PLAUSIBLE,
+        shape=shape,
+        largest_noise_px=LARGEST_NOISE_PX,
     )
+
+
+def shape_prior(facts: SessionFacts) -> ShapePrior:
+    """What is known of the cell's target before it is seen."""
+    return ShapePrior.of_a_print(layout_of(target_of(facts)).points_mm)
 
 
 def _guess_options(facts: SessionFacts, nominal: PinholeCamera) -> CameraOptions:
