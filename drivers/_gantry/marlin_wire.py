@@ -9,6 +9,7 @@ is doubtful.
 from __future__ import annotations
 
 import logging
+import math
 import re
 import threading
 from typing import TYPE_CHECKING
@@ -37,6 +38,7 @@ _RESEND = re.compile(r"Resend:\s*(\d+)")
 _SENT_AGAIN = 3
 _GREETING_S = 1.0  # a board that is still starting swallows the question
 _QUICK_STOP_S = 10.0
+_LOOK_S = 0.05  # how often a question that waits looks whether a motion has begun
 _NO_STOP = (
     "no: its firmware has no emergency parser, a stop acts when the move has ended"
 )
@@ -142,12 +144,15 @@ class MarlinWire:
         if moving is not None:
             return moving
         self._refuse_when_halted()
-        if not self._asking.acquire(timeout=self._config.answer_s):
+        for _ in range(math.ceil(self._config.answer_s / _LOOK_S)):
+            if self._asking.acquire(timeout=_LOOK_S):
+                break
             # A motion has begun meanwhile, and nothing can be asked before its end.
             moving = self._moving()
-            if moving is None:
-                raise DeviceTimeout("is busy with another question", device=self._name)
-            return moving
+            if moving is not None:
+                return moving
+        else:
+            raise DeviceTimeout("is busy with another question", device=self._name)
         try:
             return self._moving() or self._place()
         finally:

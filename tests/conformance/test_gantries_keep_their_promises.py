@@ -50,7 +50,7 @@ class OnASimulatedGantry(ArmConformance):
     keys: ClassVar[dict[str, object]] = {}
     # zero, low, high of X and Y, then of Z
     slides: ClassVar = ((-600, -1200, 0), (-600, -1200, 0), (-900, -900, 0))
-    slow_fraction = 0.005  # the simulator is twenty times as fast
+    slow_fraction = 0.001  # the simulator is twenty times as fast
     tolerance = 0.02  # mm; turning axes are as fine as a step of 1/160 deg
 
     @pytest.fixture(autouse=True)
@@ -111,7 +111,9 @@ class TestMarlin(OnASimulatedGantry):
             arm.home(timeout_s=60, clear=nothing_in_the_way)
             arm.move_joints(first, timeout_s=60)
             result = meanwhile(
-                lambda: arm.move_joints(second, speed_fraction=0.01, timeout_s=60),
+                lambda: arm.move_joints(
+                    second, speed_fraction=self.slow_fraction, timeout_s=60
+                ),
                 lambda: not arm.state().standing,
                 arm.stop,
             )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import pytest
@@ -15,7 +18,7 @@ from mvp.errors import (
     LimitError,
     MotionStopped,
 )
-from mvp.testing.require import nothing_in_the_way, refuses
+from mvp.testing.require import nothing_in_the_way, refuses, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -150,3 +153,31 @@ def test_a_longer_ok_and_another_machine(gantry_bench: Make) -> None:
     refuses(ConnectError, bench.arm(serial="other").open)
     arm = bench.homed()
     assert arm.info().serial == uuid
+
+
+def test_a_question_that_meets_the_beginning_of_a_move_does_not_wait_for_its_end(
+    gantry_bench: Make,
+) -> None:
+    bench = gantry_bench("marlin")
+    arm = bench.homed()
+    seen: list[bool] = []
+    asking = threading.Thread(target=lambda: seen.append(arm.state().standing))
+
+    def ask_now(data: bytes) -> None:
+        """The line before the motion is on its way; the question waits behind it."""
+        if b"G90" in data and not asking.ident:
+            asking.start()
+            time.sleep(0.1)
+
+    def move() -> None:
+        with suppress(DeviceError):
+            arm.move_joints(bench.far, speed_fraction=1e-4, timeout_s=60)
+
+    bench.tap.before = ask_now
+    moving = threading.Thread(target=move)
+    moving.start()
+    wait_until(lambda: len(seen) == 1, "it is answered")
+    assert moving.is_alive()
+    arm.stop()
+    moving.join(30)
+    asking.join()
