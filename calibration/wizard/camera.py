@@ -8,13 +8,12 @@ views that have no part in the result.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from calibration.poses import Poses
-from calibration.targets import CircleGrid, MeasuredLength, Rejection
+from calibration.targets import Rejection
 from calibration.targets.gather import examined
 from calibration.wizard.camera_result import (
     FEWEST,
@@ -34,14 +33,13 @@ from calibration.wizard.preflight import before_pictures, temperature_told
 from calibration.wizard.session_store import SessionStore
 from calibration.wizard.working import setting_of
 from mvp.errors import CalibrationError
-from mvp.wizard import Ask, Covered, Forecast, Say, Word
+from mvp.wizard import Covered, Forecast, Say, Word
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
     from numpy.typing import NDArray
 
-    from calibration.targets import Target
     from calibration.wizard.lookout import Goal
     from calibration.wizard.next_pose import TargetViews
     from calibration.wizard.session_store import Sample
@@ -53,7 +51,6 @@ FEWEST_VIEWS, MOST_VIEWS, HELD_OUT_VIEWS = 10, 24, 4
 BAR_PX = 0.5
 _ENOUGH_FIELDS = 0.9
 _FAILURES = 12
-_SQUARE = "square_mm"
 _SHARP_RISE_PX = 2.0  # of an edge in best focus
 _FIRST_FILL = 0.8
 _SEARCH_SIGMAS = 2.0
@@ -107,42 +104,6 @@ def _pre_flight(lookout: Lookout) -> Generator[Step, Answer, None]:
     )
     yield from temperature_told(store)
     yield from before_pictures(store)
-    square = store.recall(_SQUARE)
-    if not isinstance(square, float):
-        square = yield from _asked_square(target.square_mm)
-        store.remember(_SQUARE, square)
-    if square != target.square_mm:
-        lookout.layout = _resized(lookout.layout, square)
-        yield Say(
-            f"squares are {square:g} mm here; write square_mm = {square:g} into [target] "
-            "of the cell file, for the other calibrations",
-            "warning",
-        )
-
-
-def _asked_square(default_mm: float) -> Generator[Step, Answer, float]:
-    """By caliper, over several squares; a printer is off by some tenths of a per cent."""
-    while True:
-        said = yield Ask(
-            _SQUARE,
-            "measure over several squares with a caliper: how long is one square?",
-            "number",
-            default_mm,
-            "mm",
-        )
-        if not isinstance(said, float | int) or isinstance(said, bool):
-            return default_mm
-        if abs(said / default_mm - 1) < 0.1:
-            return float(said)
-        yield Say(f"{said:g} mm is far from the {default_mm:g} mm of the cell file")
-
-
-def _resized(layout: Target, square_mm: float) -> Target:
-    """The same print, a little larger or smaller."""
-    size = MeasuredLength(square_mm, layout.spacing.sigma_mm)
-    if isinstance(layout, CircleGrid):
-        return replace(layout, pitch=size)
-    return replace(layout, square=size)
 
 
 def _first_view(lookout: Lookout, setting: Setting) -> Generator[Step, Answer, None]:

@@ -138,11 +138,19 @@ class Lookout:
     def __init__(self, bench: Bench, store: SessionStore) -> None:
         self.bench = bench
         self.store = store
-        self.facts = store.facts
-        self.layout = layout_of(target_of(self.facts))
         self._sights: dict[int, Poses] = {}
         self._told: set[str] = set()
         self._unwanted: list[Pose] = []
+
+    @property
+    def facts(self) -> SessionFacts:
+        """Of the session."""
+        return self.store.facts
+
+    @property
+    def layout(self) -> Target:
+        """The target as the detector knows it, as large as it was measured."""
+        return layout_of(target_of(self.facts))
 
     @property
     def points_mm(self) -> FloatArray:

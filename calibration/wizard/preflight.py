@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from calibration.wizard.caliper import size_told
 from mvp.wizard import Ask, Say, Wait, Word
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ def before_pictures(store: SessionStore) -> Generator[Step, Answer, None]:
     """Asked once in a session; a resumed one goes on without."""
     yield from _warm(store)
     yield from _flat(store)
+    yield from size_told(store)
 
 
 def temperature_told(store: SessionStore) -> Generator[Step, Answer, None]:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from calibration.observations import Observations
+from mvp.calibrated import MeasuredTarget
 from mvp.cell.durable import (
     append_durably,
     cut_durably,
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Finding", "Sample", "SessionStore"]
 
+TARGET_SIZE = "target_size"  # as a person measured it, among what is remembered
 _SESSION, _SAMPLES = "session.json", "samples.jsonl"
 _NO_SESSION = "name the folder of a session, such as calibration/sessions/camera-..."
 
@@ -73,6 +75,7 @@ class SessionStore:
     def __init__(self, path: Path, file: SessionFile, samples: list[Sample]) -> None:
         self._path = path
         self._file = file
+        self._facts = _with_size(file)
         self._samples = samples
         self._taken = max((sample.number for sample in samples), default=0)
 
@@ -120,8 +123,8 @@ class SessionStore:
 
     @property
     def facts(self) -> SessionFacts:
-        """As they were when the session began."""
-        return self._file.facts
+        """As they were when the session began, the target as large as then measured."""
+        return self._facts
 
     @property
     def samples(self) -> tuple[Sample, ...]:
@@ -183,6 +186,7 @@ class SessionStore:
         """
         changed = {**self._file.remembered, key: value}
         self._file = self._file.model_copy(update={"remembered": changed})
+        self._facts = _with_size(self._file)
         self._write()
 
     def recall(self, key: str) -> JsonValue:
@@ -238,6 +242,15 @@ class SessionStore:
                 hint="copy the whole folder of the session again",
                 where=str(self._path / sample.image),
             )
+
+
+def _with_size(file: SessionFile) -> SessionFacts:
+    """The facts, with what a person measured since."""
+    target, told = file.facts.target, file.remembered.get(TARGET_SIZE)
+    if target is None or not isinstance(told, dict):
+        return file.facts
+    sized = target.sized(MeasuredTarget.model_validate(told))
+    return file.facts.model_copy(update={"target": sized})
 
 
 def _sample(

@@ -22,7 +22,7 @@ from mvp.calibrated.session_result import (
     ResultComparison,
     ResultDifference,
 )
-from mvp.calibrated.target_print import TargetKind, TargetPrint
+from mvp.calibrated.target_print import MeasuredTarget, TargetKind, TargetPrint
 from mvp.calibrated.zoom_table import ZoomTable
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "LensNodeResult",
     "LensTableCalibration",
     "LensValidity",
+    "MeasuredTarget",
     "NamedCovariance",
     "PointResiduals",
     "Provenance",

@@ -42,3 +42,30 @@ class TargetPrint(FileModel):
     def diameter_mm(self) -> float:
         """Of a disc."""
         return self.square_mm / 2 if self.disc_mm is None else self.disc_mm
+
+
+class MeasuredTarget(FileModel):
+    """How large a print truly is, by caliper; kept beside the cell's calibrations.
+
+    ``kind``, ``columns``, ``rows``, ``stated_mm``: of which print, as ``[target]`` says.
+    ``readings_mm``: over ``squares`` squares each; ``square_mm`` follows from them, with
+    one sigma.
+    """
+
+    schema_: Literal["mvp-cell/target-size/1"] = Field(
+        default="mvp-cell/target-size/1", alias="schema"
+    )
+    date: str
+    kind: TargetKind
+    columns: int
+    rows: int
+    stated_mm: float
+    readings_mm: list[float] = Field(min_length=1)
+    squares: int = Field(ge=1)
+    square_mm: float = Field(gt=0)
+    square_sigma_mm: float = Field(gt=0)
+
+    def is_of(self, target: TargetPrint) -> bool:
+        """It was this print, as its cell file describes it."""
+        mine = self.kind, self.columns, self.rows, self.stated_mm
+        return mine == (target.kind, target.columns, target.rows, target.square_mm)

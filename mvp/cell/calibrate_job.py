@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from mvp.cell.beside import call_beside
 from mvp.cell.calibrate_bench import CellBench
-from mvp.cell.calibrate_facts import facts_of
+from mvp.cell.calibrate_facts import facts_of, keep_size
 from mvp.cell.calibrate_folders import (
     existing_session,
     new_session,
@@ -137,6 +137,7 @@ def calibrate(
     check_writable(place.parent, needed_bytes=_SPARE_BYTES + pictures)
     store, outcome = _taken(setting, request, wizard, front, tell)
     with uninterrupted():
+        keep_size(setting.cell.calibrations.files, store.facts.target)
         document = keep_result(place, store, outcome)
     tell("drawing the report")
     return with_page(wizard, store, outcome, document)
@@ -241,6 +242,10 @@ def _store(
         return store
     store = wizard.sessions.open(path, repair=True)
     check_key(store, fresh.key)
+    target = store.facts.target
+    if fresh.target is not None and target is not None:  # measured before it broke off
+        sized = fresh.target.sized(target.measured)
+        fresh = fresh.model_copy(update={"target": sized})
     then, now = store.facts.model_dump(), fresh.model_dump()
     free = {"date", "temperature_c", "temperature_source", "seed"}
     free |= {"accepted_calibration"}

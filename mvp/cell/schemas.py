@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from mvp.calibrated import (
     CameraCalibration,
     LensTableCalibration,
+    MeasuredTarget,
     RigidCalibration,
 )
 from mvp.cell.calibrate_document import CalibrateDocument
@@ -40,6 +41,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "camera": CameraCalibration,
     "lens-table": LensTableCalibration,
     "rigid": RigidCalibration,
+    "target-size": MeasuredTarget,
     "plan": Plan,
     "run": RunDocument,
     "features": FeaturesDocument,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -10,6 +10,7 @@ from pydantic import Field
 from mvp.calibrated import (
     CameraCalibration,
     LensTableCalibration,
+    MeasuredTarget,
     RigidCalibration,
     TargetPrint,
     TemperatureSource,
@@ -33,7 +34,8 @@ class TargetFacts(TargetPrint):
     Target frame: x right, y down, z into the board for somebody who looks at it; a
     ChArUco board's origin is its outer corner, that of the others the first point.
     ``position_mm`` and ``rotation_deg`` (a rotation vector): ``base_from_target``, with
-    one standard deviation for each axis.
+    one standard deviation for each axis. ``measured``: with a caliper; the print is as
+    much larger throughout. None: the size is that of ``[target]``.
     """
 
     square_sigma_mm: float = Field(gt=0)
@@ -41,6 +43,21 @@ class TargetFacts(TargetPrint):
     rotation_deg: tuple[float, float, float]
     position_sigma_mm: float = Field(default=5.0, gt=0)
     angle_sigma_deg: float = Field(default=2.0, gt=0)
+    measured: MeasuredTarget | None = None
+
+    def sized(self, measured: MeasuredTarget | None) -> Self:
+        """The same print as large as it was measured; another one is left as it is."""
+        if measured is None or self.measured or not measured.is_of(self):
+            return self
+        larger = measured.square_mm / self.square_mm
+        size = {
+            name: value * larger
+            for name in ("marker_mm", "disc_mm")
+            if (value := getattr(self, name)) is not None
+        }
+        size["square_mm"] = measured.square_mm
+        size["square_sigma_mm"] = measured.square_sigma_mm
+        return self.model_copy(update={**size, "measured": measured})
 
     @property
     def base_from_target(self) -> Pose:

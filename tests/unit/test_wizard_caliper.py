@@ -1,0 +1,136 @@
+"""The size of the target by caliper: asked once, kept, and used from then on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from calibration.targets import caliper
+from calibration.wizard.caliper import READINGS, SQUARES, size_told
+from calibration.wizard.lookout import layout_of
+from calibration.wizard.session_store import SessionStore
+from mvp.cell.calibrate_facts import keep_size, stored_size, target_facts
+from mvp.cell.loading import load_cell
+from mvp.errors import CalibrationError
+from mvp.wizard import Ask, Say, SessionFacts, Word
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from mvp.wizard import Answer, Step
+
+STATED = 15.0
+
+
+@pytest.fixture(scope="module")
+def facts() -> SessionFacts:
+    cell = load_cell("virtual_uncalibrated")
+    found = cell.calibrations
+    return SessionFacts(
+        key="hand-eye",
+        cell="bench",
+        simulated=True,
+        date="2026-01-02",
+        serials={},
+        arm_model="ur5e",
+        camera=found.camera,
+        lens_table=found.lens_table,
+        hand_eye=found.hand_eye,
+        part_pose=found.part_pose,
+        robot={"position_mm": 0.1, "angle_deg": 0.02},
+        target=target_facts(cell.config.target),
+        blur_circle_mm=0.0135,
+        workspace_low_mm=(-900, -900, 20),
+        workspace_high_mm=(900, 900, 1200),
+    )
+
+
+def told(store: SessionStore, **answers: list[Answer]) -> list[Step]:
+    """What is shown while a person answers; the default where there is no answer."""
+    steps, shown, answer = size_told(store), [], None
+    while True:
+        try:
+            step = steps.send(answer)
+        except StopIteration:
+            return shown
+        shown.append(step)
+        answer = None
+        if isinstance(step, Ask):
+            left = answers.get(step.key)
+            answer = left.pop(0) if left else step.default
+
+
+def asked(shown: list[Step]) -> list[str]:
+    return [step.key for step in shown if isinstance(step, Ask)]
+
+
+def test_readings_give_size_and_sigma_and_are_used_at_once_and_when_reopened(
+    facts: SessionFacts, tmp_path: Path
+) -> None:
+    store = SessionStore.create(tmp_path / "one", facts)
+    readings: list[Answer] = ["150,3 150.34; 150.26"]
+    told(store, caliper_squares=[10.0], caliper_readings_mm=readings)
+    size = caliper([150.3, 150.34, 150.26], across=10)
+    for one in (store, SessionStore.open(tmp_path / "one")):
+        target = one.facts.target
+        assert target is not None
+        assert target.square_mm == pytest.approx(size.mm)
+        assert target.square_sigma_mm == pytest.approx(size.sigma_mm)
+        assert target.marker_mm == pytest.approx(10.5 * size.mm / STATED)
+        assert layout_of(target).points_mm.max() == pytest.approx(11 * size.mm)
+    assert asked(told(store)) == []
+
+
+def test_unattended_the_cell_file_counts(facts: SessionFacts, tmp_path: Path) -> None:
+    store = SessionStore.create(tmp_path / "one", facts)
+    shown = told(store)
+    assert asked(shown) == [SQUARES]
+    assert store.facts.target == facts.target
+    assert isinstance(shown[-1], Say)
+    assert "as [target] of the cell file says" in shown[-1].text
+    assert asked(told(store)) == []
+
+
+def test_what_cannot_be_is_asked_again(facts: SessionFacts, tmp_path: Path) -> None:
+    store = SessionStore.create(tmp_path / "one", facts)
+    shown = told(
+        store,
+        caliper_squares=[10.0, 10.0, 10.0, 10.0],
+        caliper_readings_mm=["wide", "135 150", "15.0", "150.2 150.2"],
+    )
+    assert asked(shown) == [SQUARES, READINGS] * 4
+    warned = [s.text for s in shown if isinstance(s, Say) and s.grade == "warning"]
+    assert "more than 2 %" in warned[1]
+    assert "far from the 15 mm" in warned[2]
+    assert store.facts.target is not None
+    assert store.facts.target.square_mm == pytest.approx(15.02)
+
+
+def test_a_word_instead_of_a_number_leaves_the_size_as_it_is(
+    facts: SessionFacts, tmp_path: Path
+) -> None:
+    store = SessionStore.create(tmp_path / "one", facts)
+    told(store, caliper_squares=[Word.FINISH])
+    assert store.facts.target == facts.target
+
+
+def test_later_calibrations_find_the_size_beside_the_cell(
+    facts: SessionFacts, tmp_path: Path
+) -> None:
+    files = {"camera": tmp_path / "camera.json"}
+    assert stored_size(files) is None
+    keep_size(files, facts.target)
+    assert stored_size(files) is None
+    store = SessionStore.create(tmp_path / "one", facts)
+    told(store, caliper_squares=[10.0], caliper_readings_mm=["150.2 150.3"])
+    keep_size(files, store.facts.target)
+    config = load_cell("virtual_uncalibrated").config.target
+    assert config is not None
+    again = target_facts(config, stored_size(files))
+    assert again == store.facts.target
+    other = config.model_copy(update={"rows": 10})
+    assert target_facts(other, stored_size(files)) == target_facts(other)
+    (tmp_path / "target_size.json").write_text("{}")
+    with pytest.raises(CalibrationError, match="not the size of a target"):
+        stored_size(files)
