@@ -39,6 +39,9 @@ def test_every_device_of_a_simulated_cell_answers_and_shows_the_world(
     assert (frame["width_px"], frame["height_px"]) == (known.width_px, known.height_px)
     assert frame["mean_grey"] > 0.02
     assert devices["arm"]["homed"] is (False if cell == "simulated_gantry" else None)
+    warned = {item["name"] for item in document["items"] if item["warning"]}
+    assert ("arm hard limits" in warned) is (cell == "simulated_gantry")
+    assert ("lens stop" in warned) is (cell == "simulated_ur")  # a Theia runs on
     libraries = [i["detail"] for i in document["items"] if "library" in i["name"]]
     assert any("pyserial" in text for text in libraries)
 
