@@ -24,6 +24,16 @@ MUTE = (order("noise", silence=True),)
 PLUG = (order("replug"),)
 CUT = (order("unplug", reset=True),)
 LATE_S = 1.5  # three times the longest answer that the drivers below wait for
+STOPPED_UNSEEN = Case(
+    "the line goes mute; the stop is sent all the same, and obeyed",
+    "motion",
+    (DeviceTimeout,),
+    20,
+    MUTE,
+    QUIET,
+    timeout_s=10,
+    stands=True,
+)
 
 
 def _line(*, impostor: str, **others: Case | NoSense) -> Row:
@@ -71,16 +81,7 @@ def _line(*, impostor: str, **others: Case | NoSense) -> Row:
             "a target beyond the range", "rest", (LimitError,), 2, act="beyond"
         ),
         "operator stop": Case("`stop()`", "motion", (MotionStopped,), 8, stop=True),
-        "silent in motion": Case(
-            "the line goes mute; the stop is sent all the same, and obeyed",
-            "motion",
-            (DeviceTimeout,),
-            20,
-            MUTE,
-            QUIET,
-            timeout_s=10,
-            stands=True,
-        ),
+        "silent in motion": STOPPED_UNSEEN,
     }
     return row | {name.replace("_", " "): case for name, case in others.items()}
 
