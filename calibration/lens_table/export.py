@@ -73,6 +73,7 @@ def calibration_file(
         a_standard_deviation_mm=sigma["iris"],
         covariance=_covariance(tables),
         pupil_offset_standard_deviation_mm=fit.e_sigma_mm,
+        by_zoom=tables.by_zoom.table(),
         nodes=_nodes(tables),
         achievable=achievable_set(tables.table),
         validity=_validity(tables),

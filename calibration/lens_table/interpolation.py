@@ -41,8 +41,8 @@ class AxisNodes:
     sigma_mm: FloatArray
 
     def __post_init__(self) -> None:
-        if not len(self.steps) == len(self.values_mm) == len(self.sigma_mm) >= 2:
-            raise ValueError("steps, values and sigmas must be as many, two or more")
+        if not len(self.steps) == len(self.values_mm) == len(self.sigma_mm) >= 1:
+            raise ValueError("steps, values and sigmas must be as many, one or more")
         if (np.diff(self.steps) <= 0).any():
             raise ValueError("the steps must rise")
 
@@ -126,6 +126,22 @@ def best_curve(nodes: AxisNodes) -> AxisCurve:
     kind = next(kind for score, kind in scored if score * _WORTH <= best)
     drawn = _drawn(kind, nodes)
     return drawn if drawn.monotone else _drawn(plain, nodes)
+
+
+def free_curve(nodes: AxisNodes) -> AxisCurve:
+    """``best_curve`` of a value in any unit that need neither rise nor fall."""
+    plain = CurveKind("monotone-cubic")
+    if len(nodes.steps) < 3:
+        return AxisCurve(
+            plain, nodes, np.zeros(0), float("nan"), nodes.steps, nodes.values_mm
+        )
+    errors = {kind: left_out(kind, nodes) for kind in _kinds(nodes)}
+    scores = {kind: _score(found, nodes) for kind, found in errors.items()}
+    best = min(scores.values())
+    kind = next(kind for kind, score in scores.items() if score * _WORTH <= best)
+    steps = _filled(nodes.steps)
+    values = _curve(kind, nodes)(steps.astype(np.float64))
+    return AxisCurve(kind, nodes, errors[kind], scores[kind], steps, values)
 
 
 def left_out(kind: CurveKind, nodes: AxisNodes) -> FloatArray:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibration.lens_table.zoom_curves import WORDS
 from calibration.verdict import Cause, Limit, Verdict, judged
 
 if TYPE_CHECKING:
@@ -50,15 +51,23 @@ _REPEAT = Limit(
     "look for play in the focus drive, or close the iris",
 )
 _LEAST_FILL = 0.4
+_TABLED = ("one-pupil-offset", "parfocal")
 
 _WRONG = {
     "constant-over-focus": "look for breathing: calibrate a narrower focus range, "
     "or check the stated uncertainties",
-    "one-pupil-offset": "calibrate the zoom range that is used in parts",
-    "parfocal": "calibrate at the zoom that is used; the table holds one focus curve",
+    "one-pupil-offset": "measure two focus settings or more at every zoom; or calibrate "
+    "the zoom that is used alone: [calibrate.lens] zooms and f_mm of the cell file",
+    "parfocal": "measure two focus settings or more at every zoom; or calibrate the zoom "
+    "that is used alone: [calibrate.lens] zooms and f_mm of the cell file",
+    "one-table": "calibrate a narrower zoom range, or the zoom that is used alone: "
+    "[calibrate.lens] zooms and f_mm of the cell file",
     "pupil-follows": "do not shift a hand-eye result by d; calibrate it at each setting",
     "smooth-focus": "let the target fill more of the picture and fit each node alone",
 }
+
+
+_MORE_STEPS = " ([calibrate.lens] zooms, focuses, irises of the cell file)"
 
 
 def judge_lens(tables: LensTables) -> Verdict:
@@ -76,12 +85,14 @@ def judge_lens(tables: LensTables) -> Verdict:
         _curves(tables),
         _sides(tables),
         _temperature(tables),
+        _changes(tables),
     )
 
 
 def _assumptions(tables: LensTables) -> Iterator[Cause]:
-    for test in tables.fit.tests:
-        if test.contradicted:
+    fit = tables.fit
+    for test in fit.tests:
+        if test.contradicted and not (fit.freedom and test.code in _TABLED):
             yield Cause(
                 test.code,
                 "marginal",
@@ -89,8 +100,8 @@ def _assumptions(tables: LensTables) -> Iterator[Cause]:
                 f"(probability {test.probability:.1g})",
                 _WRONG[test.code],
             )
-    least = float(tables.fit.seen.fill.min())
-    if tables.fit.way == "per-node" and least < _LEAST_FILL:
+    least = float(fit.seen.fill.min())
+    if fit.way == "per-node" and least < _LEAST_FILL:
         yield Cause(
             "target-too-small",
             "marginal",
@@ -101,7 +112,9 @@ def _assumptions(tables: LensTables) -> Iterator[Cause]:
 
 def _curves(tables: LensTables) -> Iterator[Cause]:
     for name, curve in tables.curves.items():
-        again = f"measure the {name} axis again, at more steps"
+        again = f"measure the {name} axis again, at more steps{_MORE_STEPS}"
+        if len(curve.nodes.steps) == 1:
+            continue
         if not curve.monotone:
             message = f"the {name} table does not rise or fall throughout"
             yield Cause("not-monotone", "no-go", message, again)
@@ -117,9 +130,31 @@ def _curves(tables: LensTables) -> Iterator[Cause]:
         yield Cause("round-trip", "no-go", message, "measure the table at fewer steps")
 
 
+def _changes(tables: LensTables) -> Iterator[Cause]:
+    """What the zoom changes beside f, and how well that is interpolated."""
+    for name, curve in tables.by_zoom.curves.items():
+        what = WORDS[name]
+        yield Cause(
+            f"zoom-changes-{name.split('_')[0].replace('pupil', 'e')}",
+            "go",
+            f"the zoom changes {what}; the table holds it for every zoom",
+            "nothing",
+        )
+        again = f"measure more zooms{_MORE_STEPS}"
+        if np.isnan(curve.left_out_sigmas):
+            words = f"two zooms cannot show how well {what} is interpolated"
+            yield Cause("interpolation-untested", "marginal", words, again)
+        else:
+            words = f"the error of {what} at left-out zooms, by its sigma,"
+            limit = Limit("interpolation-poor", words, "", 2.0, 10.0, again)
+            yield from limit.check(curve.left_out_sigmas)
+
+
 def _sides(tables: LensTables) -> Iterator[Cause]:
     measured = tables.measured
     for name in tables.curves:
+        if len(tables.curves[name].nodes.steps) == 1:
+            continue
         if name not in measured.hysteresis:
             yield Cause(
                 "hysteresis-not-measured",

@@ -1,5 +1,8 @@
 """f, d and e from two or more focus settings, and whether they may be believed.
 
+One e, and one curve of x over the focus, for every zoom as long as the data bear that;
+else every zoom has its own e, or adds a shift to x, or both.
+
 Two ways: every node for itself, or, where the target filled too little of the picture for
 that, all nodes together as a lens on a helicoid (x a low polynomial of the focus steps,
 centre linear in them, k1 constant).
@@ -7,36 +10,38 @@ centre linear in them, k1 constant).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 from scipy.stats import chi2
 
-from calibration.estimate import Estimate, Fit, fit
-from calibration.lens_table.nodes import NodeSet
-from calibration.lens_table.optics_model import (
-    Bases,
-    OpticsProblem,
-    each_zoom,
-    polynomial,
-    same_for,
-    start_state,
+from calibration.lens_table.lens_models import (
+    IMPROBABLE,
+    NOTHING,
+    LensModel,
+    ZoomFreedom,
+    fitted,
+    lowest_degree,
+    needed_freedom,
+    per_node,
+    unshared,
 )
+from calibration.lens_table.nodes import NodeSet
 from mvp.errors import CalibrationError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from calibration.estimate import Estimate, Fit
     from calibration.lens_table.nodes import LensNode
+    from calibration.lens_table.optics_model import OpticsProblem
     from mvp.geometry import FloatArray
 
 Way: TypeAlias = Literal["per-node", "global"]
 
 _LEAST_FILL = 0.4
 _NEAREST_SHARP = 1.5
-_IMPROBABLE = 1e-3
-_HIGHEST_DEGREE = 4
 
 
 @dataclass(frozen=True)
@@ -65,7 +70,7 @@ class AssumptionTest:
     @property
     def contradicted(self) -> bool:
         """Less probable than 0.1 %."""
-        return self.probability < _IMPROBABLE
+        return self.probability < IMPROBABLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,11 +82,15 @@ class LensFit:
         way: how they were combined.
         degree: of x in the focus steps (global), or None.
         f_mm: (z,); ``f_sigma_mm`` one standard deviation.
-        x_mm: (k,), the extension d - f at the focus steps; with ``x_sigma_mm``.
+        x_mm: (k,), the extension d - f at the focus steps; with ``x_sigma_mm``. At the
+            middle zoom where the zoom shifts it.
         d_mm: (n,), at the nodes; with ``d_sigma_mm``.
         sharp_sigma_mm: (n,), one standard deviation of the image distance of an object at
             the sharp distance less d, f, x and e together.
-        e_mm: pupil offset; with ``e_sigma_mm``.
+        e_mm: pupil offset, that of the middle zoom; with ``e_sigma_mm``, the largest.
+        freedom: what the zoom changes beside f.
+        e_of_zoom_mm: (z,), pupil offset at every zoom; with ``e_of_zoom_sigma_mm``.
+        shift_mm: (z,), what every zoom adds to x; with ``shift_sigma_mm``.
         node_values: (n, 4) of ``NODE_NAMES`` as fitted.
         tests: of what was taken for granted.
         estimate: covariance, condition, weakest direction, chi-square of the fit.
@@ -99,9 +108,19 @@ class LensFit:
     sharp_sigma_mm: FloatArray
     e_mm: float
     e_sigma_mm: float
+    freedom: ZoomFreedom
+    e_of_zoom_mm: FloatArray
+    e_of_zoom_sigma_mm: FloatArray
+    shift_mm: FloatArray
+    shift_sigma_mm: FloatArray
     node_values: FloatArray
     tests: tuple[AssumptionTest, ...]
     estimate: Estimate
+
+    @property
+    def e_of_node_mm(self) -> FloatArray:
+        """(n,): pupil offset at every node."""
+        return np.asarray(self.e_of_zoom_mm[self.seen.zoom_of])
 
     def test(self, code: str) -> AssumptionTest:
         """The test of that code."""
@@ -127,11 +146,23 @@ def separate(
     seen = NodeSet.of(nodes)
     _check(seen, e_prior_mm)
     chosen: Way = way or ("global" if (seen.fill < _LEAST_FILL).any() else "per-node")
-    degree, found, problem = None, None, _per_node(seen, e_prior_mm)
+    freedom, base = needed_freedom(seen, e_prior_mm)
+    degree, found, model = None, base, per_node(seen, e_prior_mm, freedom)
     if chosen == "global":
-        degree, found, problem = _lowest_degree(seen, e_prior_mm)
-    found = found or fit(problem, start_state(problem))
-    return _described(seen, chosen, degree, problem, found)
+        degree, found, model = lowest_degree(seen, e_prior_mm, freedom)
+    if found is None:
+        raise CalibrationError(
+            "the lens has more unknowns than were measured",
+            hint="measure the sharp-focus distance at more focus settings",
+        )
+    wide = _Wide.of(seen, e_prior_mm)
+    tests = (
+        *wide.of_a_constant_lens(),
+        *_tests_of_the_model(seen, e_prior_mm, freedom, (base, found), wide),
+    )
+    told = _described(seen, chosen, degree, model, found)
+    told = replace(told, freedom=freedom, tests=tests)
+    return _widened(told, model, found, wide)
 
 
 def _check(seen: NodeSet, e_prior_mm: tuple[float, float] | None) -> None:
@@ -174,78 +205,40 @@ def _check_units(seen: NodeSet) -> None:
         )
 
 
-def _per_node(
-    seen: NodeSet,
-    e_prior_mm: tuple[float, float] | None,
-    *,
-    own_x: bool = False,
-    own_e: bool = False,
-    pupil_follows: bool = False,
-) -> OpticsProblem:
-    """Every node has its own centre and k1; x and e are shared or not."""
-    own, one = np.eye(len(seen)), np.ones((len(seen), 1))
-    x = own if own_x else same_for(seen.focus_of)
-    e = same_for(seen.zoom_of) if own_e else one
-    return OpticsProblem(seen, Bases(x, e, own, own, own), e_prior_mm, pupil_follows)
-
-
-def _global(
-    seen: NodeSet, e_prior_mm: tuple[float, float] | None, degree: int
-) -> OpticsProblem:
-    steps = seen.focus_steps[seen.focus_of]
-    one = np.ones((len(seen), 1))
-    highest = int(np.bincount(seen.zoom_of).min() > 1)
-    line = each_zoom(seen.zoom_of, polynomial(steps, highest))
-    bases = Bases(
-        polynomial(steps, degree), one, line, line, each_zoom(seen.zoom_of, one)
-    )
-    return OpticsProblem(seen, bases, e_prior_mm)
-
-
-def _lowest_degree(
-    seen: NodeSet, e_prior_mm: tuple[float, float] | None
-) -> tuple[int, Fit[FloatArray], OpticsProblem]:
-    """The lowest degree that the next one does not improve beyond chance."""
-    highest = min(_HIGHEST_DEGREE, len(seen.focus_steps) - 1)
-    problem = _global(seen, e_prior_mm, 1)
-    found = fit(problem, start_state(problem))
-    for degree in range(2, highest + 1):
-        richer = _global(seen, e_prior_mm, degree)
-        better = fit(richer, start_state(richer))
-        gain = found.estimate.chi_square - better.estimate.chi_square
-        if chi2.sf(gain, 1) >= _IMPROBABLE:
-            return degree - 1, found, problem
-        problem, found = richer, better
-    return highest, found, problem
-
-
 def _described(
     seen: NodeSet,
     way: Way,
     degree: int | None,
-    problem: OpticsProblem,
+    model: LensModel,
     found: Fit[FloatArray],
 ) -> LensFit:
-    covariance = found.estimate.covariance
-    d_rows, x_rows = problem.optics_rows(found.state)
-    f, x, e = problem.unknowns(found.state)
-    first = np.unique(seen.focus_of, return_index=True)[1]
-    e_block = problem.block(covariance, 2)
+    covariance, problem = found.estimate.covariance, model.problem
+    d_rows, _ = problem.optics_rows(found.state)
+    f, x, _ = problem.unknowns(found.state)
+    x_block, e_block = (problem.block(covariance, of) for of in (1, 2))
+    own_x, own_e = (problem.parameters(found.state, of) for of in (1, 2))
+    e_sigma = _sigma(model.e, e_block)
+    e_of_zoom = np.asarray(model.e @ own_e)
     return LensFit(
         seen,
         way,
         degree,
         problem.parameters(found.state, 0),
         np.sqrt(np.diag(problem.block(covariance, 0))),
-        x[first],
-        _sigma(x_rows[first], covariance),
+        np.asarray(model.focus @ own_x),
+        _sigma(model.focus, x_block),
         f + x,
         _sigma(d_rows, covariance),
         _sigma(problem.defocus_rows(found.state), covariance) * (f + x),
-        float(e[0]),
-        float(np.sqrt(e_block[0, 0])),
+        float(e_of_zoom[len(e_of_zoom) // 2]),
+        float(e_sigma.max()),
+        NOTHING,
+        e_of_zoom,
+        e_sigma,
+        np.asarray(model.shift @ own_x),
+        _sigma(model.shift, x_block),
         problem.node_values(found.state),
-        _tests(seen, problem, found),
+        (),
         found.estimate,
     )
 
@@ -254,42 +247,112 @@ def _sigma(rows: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", rows, covariance, rows)))
 
 
-def _tests(
-    seen: NodeSet, problem: OpticsProblem, found: Fit[FloatArray]
-) -> tuple[AssumptionTest, ...]:
-    """Nested models, from the freest that the data determine to the one that is used."""
-    prior = problem.e_prior_mm
-    shared = found if problem.bases.x.shape[1] == len(seen.focus_steps) else None
-    same = _fitted(_per_node(seen, prior), shared)
-    one_zoom = same if len(seen.zoom_steps) == 1 else None
-    own_x = _fitted(_per_node(seen, prior, own_x=True), one_zoom)
-    own_both = _fitted(_per_node(seen, prior, own_x=True, own_e=True), one_zoom)
-    unseen = same if not len(seen.measured("pupil_mm")[0]) else None
-    following = _fitted(_per_node(seen, prior, pupil_follows=True), unseen)
+@dataclass(frozen=True, eq=False)
+class _Wide:
+    """What the widest models make of the nodes; None where the nodes are too few.
+
+    Attributes:
+        same: one e, x by focus.
+        own_x: one e, x of every node.
+        own_both: e of every zoom, x of every node; with its problem.
+    """
+
+    same: Fit[FloatArray] | None
+    own_x: Fit[FloatArray] | None
+    own_both: Fit[FloatArray] | None
+    problem: OpticsProblem
+
+    @classmethod
+    def of(cls, seen: NodeSet, prior: tuple[float, float] | None) -> _Wide:
+        problem = unshared(seen, prior, own_e=True)
+        same = fitted(per_node(seen, prior).problem)
+        if len(seen.zoom_steps) == 1 and len(seen) == len(seen.focus_steps):
+            return cls(same, same, same, problem)
+        own_x = fitted(unshared(seen, prior, own_e=False))
+        return cls(same, own_x, fitted(problem), problem)
+
+    def of_a_constant_lens(self) -> tuple[AssumptionTest, ...]:
+        """Nested models, from the freest that the data determine to the constant one."""
+        return (
+            _against_noise(
+                "constant-over-focus",
+                "f and e are the same at every focus",
+                self.own_both,
+            ),
+            _against(
+                "one-pupil-offset",
+                "e is the same at every zoom",
+                self.own_x,
+                self.own_both,
+            ),
+            _against(
+                "parfocal", "x = d - f is the same at every zoom", self.same, self.own_x
+            ),
+        )
+
+
+def _tests_of_the_model(
+    seen: NodeSet,
+    prior: tuple[float, float] | None,
+    freedom: ZoomFreedom,
+    fits: tuple[Fit[FloatArray] | None, Fit[FloatArray]],
+    wide: _Wide,
+) -> list[AssumptionTest]:
+    """Of the model that is used: with every node for itself, and as fitted."""
+    base, found = fits
+    following = base
+    if len(seen.measured("pupil_mm")[0]):
+        model = per_node(seen, prior, freedom, pupil_follows=True)
+        following = fitted(model.problem)
     tests = [
-        _against_noise(
-            "constant-over-focus", "f and e are the same at every focus", own_both
+        _against("pupil-follows", "the pupil moves with d", following, base),
+        _against(
+            "one-table",
+            "d - f is a curve over the focus and one shift for each zoom",
+            base if freedom else None,
+            wide.own_both,
         ),
-        _against("one-pupil-offset", "e is the same at every zoom", own_x, own_both),
-        _against("parfocal", "x = d - f is the same at every zoom", same, own_x),
-        _against("pupil-follows", "the pupil moves with d", following, same),
     ]
-    if found is not shared:
+    if found is not base:
         words = "x, centre and k1 follow the focus smoothly"
-        tests.append(_against("smooth-focus", words, found, same))
-    return tuple(tests)
+        tests.append(_against("smooth-focus", words, found, base))
+    return tests
 
 
-def _fitted(
-    problem: OpticsProblem, known: Fit[FloatArray] | None = None
-) -> Fit[FloatArray] | None:
-    """The fit, or None where there are more unknowns than measurements."""
-    if known is not None:
-        return known
-    start = start_state(problem)
-    if problem.residuals(start).size < len(problem.names):
-        return None
-    return fit(problem, start)
+def _widened(
+    told: LensFit, model: LensModel, found: Fit[FloatArray], wide: _Wide
+) -> LensFit:
+    """Sigmas that take in what a contradicted model gets wrong.
+
+    The noise that is left over is in the covariance; by how much f, d and e differ from
+    those of the widest model is not.
+    """
+    broken = ("one-table",) if told.freedom else ("one-pupil-offset", "parfocal")
+    wrong = any(told.test(code).contradicted for code in broken)
+    if not wrong or wide.own_both is None:
+        return told
+    seen, state = told.seen, wide.own_both.state
+    f, x, e = wide.problem.unknowns(state)
+    f_off = wide.problem.parameters(state, 0) - told.f_mm
+    d_off, e_off = f + x - told.d_mm, e - told.e_of_node_mm
+    x_off = np.abs(d_off - f_off[seen.zoom_of])
+    near = x / (f**2 + x * (f - e))
+    own_f, own_x, own_e = model.problem.unknowns(found.state)
+    m = own_x / own_f
+    defocus = m - (own_f + own_x - own_e * m) * near
+    by_focus, by_zoom = (np.zeros(n) for n in (len(told.x_mm), len(told.f_mm)))
+    np.maximum.at(by_focus, seen.focus_of, x_off)
+    np.maximum.at(by_zoom, seen.zoom_of, np.abs(e_off))
+    e_sigma = np.hypot(told.e_of_zoom_sigma_mm, by_zoom)
+    return replace(
+        told,
+        f_sigma_mm=np.hypot(told.f_sigma_mm, f_off),
+        x_sigma_mm=np.hypot(told.x_sigma_mm, by_focus),
+        d_sigma_mm=np.hypot(told.d_sigma_mm, d_off),
+        sharp_sigma_mm=np.hypot(told.sharp_sigma_mm, defocus * told.d_mm),
+        e_sigma_mm=float(e_sigma.max()),
+        e_of_zoom_sigma_mm=e_sigma,
+    )
 
 
 def _against(

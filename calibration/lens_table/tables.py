@@ -10,9 +10,10 @@ import numpy as np
 
 from calibration.lens_table.interpolation import AxisCurve, AxisNodes, best_curve
 from calibration.lens_table.separation import LensFit, separate
+from calibration.lens_table.zoom_curves import ByZoom, curves_by_zoom
 from mvp.calibrated import AchievableSet, AchievableZoom
 from mvp.errors import CalibrationError
-from mvp.optics import LensTable, MotorAxis, focus_distance_mm
+from mvp.optics import LensTable, MotorAxis, ZoomCurves, focus_distance_mm
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -106,6 +107,7 @@ class LensTables:
         measured: where they come from.
         fit: f, x, d, e with their uncertainty.
         curves: of zoom (f), focus (x) and iris (a).
+        by_zoom: curves of what else the zoom changes.
         table: as the planner reads it; None where a curve is not monotone.
         round_trip_steps: the largest difference after steps -> mm -> steps.
     """
@@ -113,6 +115,7 @@ class LensTables:
     measured: LensMeasurements
     fit: LensFit
     curves: Mapping[AxisName, AxisCurve]
+    by_zoom: ByZoom
     table: LensTable | None
     round_trip_steps: int
 
@@ -152,7 +155,7 @@ def build_tables(measured: LensMeasurements) -> LensTables:
         "focus": best_curve(AxisNodes(seen.focus_steps, fit.x_mm, fit.x_sigma_mm)),
         "iris": best_curve(a),
     }
-    table = None
+    by_zoom, table = curves_by_zoom(fit), None
     if all(curve.monotone for curve in curves.values()):
         zoom, focus, iris = (
             MotorAxis(
@@ -162,8 +165,15 @@ def build_tables(measured: LensMeasurements) -> LensTables:
             )
             for name in _AXES
         )
-        table = LensTable(zoom, focus, iris, fit.e_mm)
-    return LensTables(measured, fit, curves, table, round_trip_steps(table))
+        more = by_zoom.table()
+        table = LensTable(
+            zoom,
+            focus,
+            iris,
+            fit.e_mm,
+            by_zoom=None if more is None else ZoomCurves.from_table(more),
+        )
+    return LensTables(measured, fit, curves, by_zoom, table, round_trip_steps(table))
 
 
 def round_trip_steps(table: LensTable | None) -> int:
@@ -181,10 +191,11 @@ def round_trip_steps(table: LensTable | None) -> int:
 
 def achievable_set(table: LensTable) -> AchievableSet:
     """What the motors reach, at every zoom of the table."""
-    low, high = table.extension_range_mm
     zooms = []
     for step, f in zip(table.zoom.steps, table.zoom.values_mm, strict=True):
-        near, far = focus_distance_mm([f + high, f + low], f) - table.pupil_offset_mm
+        here = table.at_focal_length(float(f))
+        low, high = here.extension_range_mm
+        near, far = focus_distance_mm([f + high, f + low], f) - here.pupil_offset_mm
         zooms.append(
             AchievableZoom(
                 zoom=int(step),
@@ -208,17 +219,22 @@ def achievable_set(table: LensTable) -> AchievableSet:
 def _largest_step_mm(axis: MotorAxis) -> float:
     first, last = axis.range_steps
     values = axis.value_mm(np.arange(first, last + 1))
-    return float(np.abs(np.diff(values)).max())
+    return float(np.abs(np.diff(values)).max(initial=0.0))
 
 
 def _check_counts(zooms: int, focuses: int, irises: int) -> None:
     few = [
         f"{name} at {count}"
-        for name, count in (("zoom", zooms), ("focus", focuses), ("iris", irises))
-        if count < 2
+        for name, count, least in (
+            ("zoom", zooms, 1),
+            ("focus", focuses, 2),
+            ("iris", irises, 2),
+        )
+        if count < least
     ]
     if few:
         raise CalibrationError(
-            f"a table needs two or more steps of every motor; measured: {', '.join(few)}",
+            "a table needs two or more steps of focus and iris; measured: "
+            f"{', '.join(few)}",
             hint="measure at least both ends of each motor's range",
         )

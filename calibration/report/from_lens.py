@@ -116,9 +116,27 @@ def _quantities(tables: LensTables) -> tuple[Quantity, ...]:
             "largest difference",
         ),
     ]
+    rows += _changes(tables)
     for name, found in tables.measured.hysteresis.items():
         rows += _sides(name, found)
     return tuple(rows)
+
+
+def _changes(tables: LensTables) -> list[Quantity]:
+    """What the zoom changes beside f, at every zoom."""
+    return [
+        Quantity(
+            f"{name.removesuffix('_' + unit).replace('_', ' ')} at zoom {step}",
+            float(value),
+            float(sigma),
+            unit,
+        )
+        for name, curve in tables.by_zoom.curves.items()
+        for unit in [name.rpartition("_")[2] if "_" in name else ""]
+        for step, value, sigma in zip(
+            curve.nodes.steps, curve.nodes.values_mm, curve.nodes.sigma_mm, strict=True
+        )
+    ]
 
 
 def _sides(name: AxisName, found: Hysteresis) -> list[Quantity]:
@@ -236,7 +254,7 @@ def _nodes(
     for index, node in enumerate(fit.seen.nodes):
         f_cal, cx, cy, k1 = fit.node_values[index]
         f = float(fit.f_mm[fit.seen.zoom_of[index]])
-        sharp = float(focus_distance_mm(fit.d_mm[index], f)) - fit.e_mm
+        sharp = float(focus_distance_mm(fit.d_mm[index], f)) - fit.e_of_node_mm[index]
         rows.append(
             (
                 str(node.zoom),

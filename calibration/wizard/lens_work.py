@@ -55,7 +55,7 @@ def on_the_work(facts: SessionFacts, tables: LensTables) -> OnTheWork:
     """
     fit, distance = tables.fit, working_mm(facts, tables)
     f = fit.f_mm[fit.seen.zoom_of]
-    f_cal = principal_distance_mm(fit.d_mm, f, fit.e_mm)
+    f_cal = principal_distance_mm(fit.d_mm, f, fit.e_of_node_mm)
     sigma = np.hypot(fit.d_sigma_mm, left_out_mm(tables))
     index, sharp, _ = fit.seen.measured("sharp_mm")
     near = index[np.abs(sharp - distance).argmin()]

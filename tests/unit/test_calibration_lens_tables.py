@@ -20,7 +20,7 @@ from calibration.lens_table import (
     measure_hysteresis,
 )
 from mvp.calibrated import LensTableCalibration
-from mvp.errors import CalibrationError
+from mvp.errors import CalibrationError, InputError
 from mvp.optics import LensTable
 from mvp.testing.paraxial_lens import ParaxialLens
 
@@ -252,6 +252,24 @@ def test_an_iris_that_turns_back_gives_no_file(good):
 
 
 def test_a_motor_measured_at_one_step_is_refused(good):
-    one = nodes(np.random.default_rng(5), zooms=ZOOMS[:1])
-    with pytest.raises(CalibrationError, match="zoom at 1"):
-        build_tables(replace(good, nodes=one))
+    one = {300: good.iris[300]}
+    with pytest.raises(CalibrationError, match="iris at 1"):
+        build_tables(replace(good, iris=one))
+
+
+def test_a_lens_measured_at_one_zoom_is_a_lens_without_zoom(good):
+    one = nodes(np.random.default_rng(5), zooms=ZOOMS[2:3], sharp_share=0.004)
+    tables = build_tables(replace(good, nodes=one))
+    assert judge_lens(tables).grade == "go"
+    model = calibration_file(tables, IDENTITY)
+    assert model.validity.zoom_steps == (ZOOMS[2], ZOOMS[2])
+    assert model.achievable.f_per_step_mm == 0
+    table = LensTable.from_calibration(model)
+    found = table.setting(int(ZOOMS[2]), 4000, 300)
+    assert found.d_mm == pytest.approx(focal(ZOOMS[2]) + extension(4000), rel=0.0005)
+    back = table.steps(found.f_mm, found.d_mm, found.a_mm)
+    assert (back.zoom, back.focus, back.iris) == (ZOOMS[2], 4000, 300)
+    with pytest.raises(InputError, match="zoom step 0"):
+        table.setting(0, 4000, 300)
+    with pytest.raises(InputError, match="f = 12"):
+        table.steps(12.0, found.d_mm, found.a_mm)
