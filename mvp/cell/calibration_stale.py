@@ -58,6 +58,8 @@ def _other(
 def _earlier(
     found: CalibrationModels, name: str, *, refused: bool
 ) -> Iterator[Objection]:
+    if name == "part_pose" and found.part_pose.by_hand_eye is None:
+        return  # not found by a camera
     own = getattr(found, name).provenance.date
     for used in BUILDS_ON[name]:
         if used == "sensor":

@@ -6,6 +6,7 @@ import json
 import shutil
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from mvp.calibrated import CameraCalibration
@@ -141,12 +142,24 @@ def test_nominal_values_were_not_made_with_anything(folder: Path) -> None:
     assert stale(folder) == [("part_pose", True)]
 
 
-@pytest.mark.parametrize("simulated", [True, False])
-def test_where_files_do_not_say_dates_tell(folder: Path, simulated: bool) -> None:
+def silent(folder: Path) -> None:
+    """Files that do not say what they were made with; the lens is a day newer."""
     for name in NAMES:
         changed(folder, name, lambda c: c["provenance"].pop("built_on"))
         changed(folder, name, lambda c: c["provenance"].update(date="2026-03-05"))
     changed(folder, "lens_table", lambda c: c["provenance"].update(date="2026-03-06"))
+
+
+def test_a_part_that_no_camera_found_does_not_age_with_it(folder: Path) -> None:
+    silent(folder)
+    changed(folder, "part_pose", lambda c: c.update(by_hand_eye=None))
+    assert [name for name, _ in stale(folder)] == ["hand_eye"]
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_where_files_do_not_say_dates_tell(folder: Path, simulated: bool) -> None:
+    silent(folder)
+    changed(folder, "part_pose", lambda c: c.update(by_hand_eye=np.eye(6).tolist()))
     if not simulated:
         text = (folder / "cell.toml").read_text().partition("[world]")[0]
         text = text.replace("simulated = true", "simulated = false")
