@@ -9,6 +9,7 @@ from tools.bench_calibration_honesty import ESTIMATORS, spread_and_share
 
 
 @pytest.mark.full
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_errors_are_as_large_as_stated_and_no_larger_than_the_bound_allows(name):
     spread, share = spread_and_share(*ESTIMATORS[name])
