@@ -12,6 +12,7 @@ import random
 import secrets
 from typing import TYPE_CHECKING
 
+import pytest
 from hypothesis import settings
 
 if TYPE_CHECKING:
@@ -135,6 +136,17 @@ class Mutants:
     def _spliced(self, data: bytes) -> bytes:
         other = self.rng.choice(self._good)
         return data[: self._place(data)] + other[self._place(other) :]
+
+
+def at_length(test: Callable[..., None]) -> Callable[..., None]:
+    """For the full run; what new inputs have broken is not forgiven where others do not."""
+    for mark in (
+        pytest.mark.full,
+        pytest.mark.timeout(3600),
+        pytest.mark.flaky(reruns=0),
+    ):
+        mark(test)
+    return test
 
 
 def fuzz(

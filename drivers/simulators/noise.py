@@ -13,6 +13,8 @@ from mvp.fileedge import FileModel
 if TYPE_CHECKING:
     from numpy.random import Generator
 
+_MOST_HELD = 10_000
+
 
 class Noise(FileModel):
     """How bad the line is; the default is a perfect one.
@@ -68,7 +70,13 @@ class NoisyLine:
         self._drop_next = 0
 
     def hold_next(self, seconds: float, *, count: int = 1) -> None:
-        """Let each of the next answers come this much later."""
+        """Let each of the next answers come this much later.
+
+        Raises:
+            ValueError: that are more answers than anybody waits for.
+        """
+        if count > _MOST_HELD:
+            raise ValueError(f"count is at most {_MOST_HELD}")
         self._late_once += [seconds] * count
 
     def drop_next(self, count: int) -> None:

@@ -17,7 +17,7 @@ from mvp.devices import DeviceContext, Lens
 from mvp.errors import DeviceError
 from mvp.fileedge import FileModel
 from mvp.testing import FarEnd
-from tests.fuzzing import Mutants, fuzz
+from tests.fuzzing import Mutants, at_length, fuzz
 from tests.wire.still_wire import StillWire
 
 SCF4 = {
@@ -187,8 +187,7 @@ def converses(lens: Lens, far_end: Damaged, unasked: bytes) -> None:
             act()
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 @pytest.mark.parametrize("make", AT_LENGTH)
 def test_whatever_is_answered_it_is_a_device_error_at_length(make: str) -> None:
     """100,000 damaged answers and greetings; it works as ever after each round."""

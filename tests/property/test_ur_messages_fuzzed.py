@@ -2,13 +2,12 @@
 
 from contextlib import suppress
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers._ur.messages import Unreadable, decode, encode
 from drivers._ur.status import Freshness, Implausible, Status
-from tests.fuzzing import MANY, Mutants, fuzz
+from tests.fuzzing import MANY, Mutants, at_length, fuzz
 
 ANGLE = st.floats(-6.3, 6.3)
 SIX = st.tuples(*[ANGLE] * 6)
@@ -85,8 +84,7 @@ LINES = [
 PIECES = b'{ } [ ] [1] [] {} null true "x" "" , : "id": "status": \\ \\u'.split()
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 def test_any_line_is_a_message_or_unreadable_at_length():
     def check(line: bytes) -> None:
         assert is_taken_or_refused(line)
@@ -94,8 +92,7 @@ def test_any_line_is_a_message_or_unreadable_at_length():
     fuzz(check, Mutants([*LINES, b"[" * 1500], PIECES))
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 def test_any_status_is_one_or_implausible_at_length():
     """Damaged on the wire; those that are no message any more do not count."""
     statuses = Mutants([encode(SEEN["status"])], PIECES)

@@ -16,7 +16,7 @@ from mvp.devices import DeviceContext, text
 from mvp.errors import ConnectError, DeviceError, DeviceTimeout, WireError
 from mvp.testing import FarEnd
 from mvp.testing.require import nothing_in_the_way
-from tests.fuzzing import Mutants, fuzz
+from tests.fuzzing import Mutants, at_length, fuzz
 from tests.wire.still_wire import StillWire
 
 if TYPE_CHECKING:
@@ -209,8 +209,7 @@ def converses(arm: GantryArm, far_end: Damaged, unasked: bytes) -> None:
             act()
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 @pytest.mark.parametrize("firmware", FAR_ENDS)
 def test_whatever_is_answered_it_is_a_device_error_at_length(firmware: str) -> None:
     """100,000 damaged answers and greetings; it works as ever after each round."""
@@ -260,8 +259,7 @@ def test_any_line_is_a_report_with_every_axis_or_none(lines: list[str]) -> None:
     assert reads(lines) == [1.0, -2.0, 3.0, 4.0, 5.0]
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 def test_any_line_is_a_report_or_none_at_length() -> None:
     mutants = Mutants([GRBL[b"?"].strip(), *GREETINGS], PIECES.split())
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.simulators.grbl import GrblConfig, GrblMachine
-from tests.fuzzing import Mutants, fuzz
+from tests.fuzzing import Mutants, at_length, fuzz
 from tests.wire.machine_bench import MachineBench
 
 _CHUNKS = st.lists(
@@ -68,8 +68,7 @@ LINES = [
 PIECES = b"G1 G91 G28.1 G92 X-1 F F0 $ $J= $C $SLP ! ~ ? \x18 \x82 \x85 \n \r M2 ( ) ;"
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 @pytest.mark.parametrize("profile", ["grbl", "grblhal", "fluidnc"])
 def test_much_nonsense_does_not_upset_it(profile: str) -> None:
     mutants = Mutants(LINES, PIECES.split(b" "))

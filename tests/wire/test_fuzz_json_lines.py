@@ -15,7 +15,7 @@ from drivers.simulators.lens_machine import lens_verbs
 from drivers.simulators.scf4 import Scf4Config, Scf4Machine
 from mvp.devices import RealClock, ReplayTransport
 from mvp.errors import RecordError
-from tests.fuzzing import Mutants, fuzz
+from tests.fuzzing import Mutants, at_length, fuzz
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -58,6 +58,7 @@ def state_after(verbs: dict, line: bytes) -> dict[str, object]:
 @given(line=lines)
 @example(line=b"[" * 1500)
 @example(line=b'{"do": "noise", "seconds": 1e400}')
+@example(line=b'{"do": "hold_next", "seconds": 0.5, "count": 1999999999999999991}')
 def test_a_fault_channel_answers_every_line(verbs: dict, line: bytes) -> None:
     assert state_after(verbs, line)["moves_begun"] == 0  # no verb turns a motor
 
@@ -74,8 +75,7 @@ ASKED = [json.dumps({"do": verb}).encode() for verb in VERBS] + [
 ]
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 def test_a_fault_channel_answers_every_line_at_length(verbs: dict) -> None:
     def check(line: bytes) -> None:
         assert state_after(verbs, line)["moves_begun"] == 0  # no verb turns a motor
@@ -114,8 +114,7 @@ def test_any_file_is_a_recording_or_refused(tmp_path: Path, content: bytes) -> N
     assert is_recording_or_refused(tmp_path / "dump", content)
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 def test_any_file_is_a_recording_or_refused_at_length(tmp_path: Path) -> None:
     head, entry = json.dumps(HEADER).encode(), json.dumps(ENTRY).encode()
     lost = json.dumps({**ENTRY, "what": "lost", "hex": ""}).encode()

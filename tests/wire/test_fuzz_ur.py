@@ -20,7 +20,7 @@ from drivers._ur.version import PORT as RTDE_PORT
 from drivers._ur.version import ask_version
 from mvp.devices import RealClock
 from mvp.errors import DeviceError
-from tests.fuzzing import Mutants, fuzz
+from tests.fuzzing import Mutants, at_length, fuzz
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -147,8 +147,7 @@ PIECES = [b"\n", b"\r", b":", b"\xff\xfe", b"\0", b"x" * 600, *GREETING.split()]
 ONE_IN = 100
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 def test_any_dashboard_ends_in_text_or_a_device_error_at_length(
     dashboard: Talker,
 ) -> None:
@@ -166,8 +165,7 @@ def test_any_dashboard_ends_in_text_or_a_device_error_at_length(
     fuzz(check, mutants)
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 def test_any_controller_has_a_version_or_is_a_device_error_at_length(
     controller: Talker,
 ) -> None:

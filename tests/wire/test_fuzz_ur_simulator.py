@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import struct
 
-import pytest
-
 from drivers.simulators.ur.dashboard import Dashboard
 from drivers.simulators.ur.robot import Robot, RobotSettings
 from drivers.simulators.ur.script import ScriptReader
 from drivers.simulators.ur.sessions import Disturbance, Line, RtdeSession, Session
 from drivers.simulators.ur.telemetry import Telemetry
-from tests.fuzzing import Mutants, fuzz
+from tests.fuzzing import Mutants, at_length, fuzz
 
-pytestmark = [pytest.mark.full, pytest.mark.timeout(3600)]
 NAMES = (
     b"timestamp,actual_q,actual_qd,target_qd,robot_mode,safety_mode,runtime_state,"
     b"output_int_register_0,output_double_register_23,speed_scaling"
@@ -65,6 +62,7 @@ PACKAGES = [
 PIECES = [b"\0\3", b"\0\2", b",", b"actual_q", b"nonsense", b"\xff\xff", TINY]
 
 
+@at_length
 def test_rtde_packages() -> None:
     """Damaged in their bodies or as a whole; 20 on one connection, then a sound one."""
     mutants = Mutants(PACKAGES, PIECES)
@@ -106,6 +104,7 @@ WORDS = [
 ]
 
 
+@at_length
 def test_programs() -> None:
     """Twenty on one controller; what they move stays within reach of an arm."""
     mutants = Mutants(PROGRAMS, WORDS)
@@ -132,6 +131,7 @@ COMMANDS = [
 ]
 
 
+@at_length
 def test_dashboard_commands() -> None:
     """One line comes back to each, and nothing moves."""
     mutants = Mutants(COMMANDS, [b" ", b"load ", b".urp", b"\t", b"\xff"])

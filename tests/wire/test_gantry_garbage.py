@@ -21,7 +21,7 @@ from drivers._gantry.grbl_settings import setting_findings, settings_of
 from drivers._gantry.wire import Activity
 from mvp.devices import LineFramer, text
 from mvp.errors import MvpCellError
-from tests.fuzzing import Mutants, fuzz
+from tests.fuzzing import Mutants, at_length, fuzz
 
 AXES = [
     {
@@ -96,8 +96,7 @@ def test_garbage(lines: list[bytes]) -> None:
     assert _read(lines) is Activity.MOVES
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 def test_much_garbage() -> None:
     mutants = Mutants(LISTINGS, PIECES.split())
 

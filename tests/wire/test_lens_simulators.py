@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from drivers.simulators.scf4 import Scf4Config, Scf4Machine
 from drivers.simulators.theia import TheiaConfig, TheiaMachine
 from drivers.simulators.visca import ViscaConfig, ViscaMachine
-from tests.fuzzing import Mutants, fuzz
+from tests.fuzzing import Mutants, at_length, fuzz
 from tests.wire.machine_bench import MachineBench
 
 if TYPE_CHECKING:
@@ -316,8 +316,7 @@ PIECES = {
 }
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 @pytest.mark.parametrize("make", SURVIVES)
 def test_much_nonsense_does_not_upset_it(make: str) -> None:
     mutants = Mutants(LINES[make], PIECES[make])

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.simulators.marlin import MarlinConfig, MarlinMachine
-from tests.fuzzing import Mutants, fuzz
+from tests.fuzzing import Mutants, at_length, fuzz
 from tests.wire.machine_bench import MachineBench
 
 KILLED = b"Error:Printer halted. kill() called!\n"
@@ -204,8 +204,7 @@ LINES = [
 PIECES = b"G0 G28 G91 G92 M110 M410 M112 N1 N-1 *0 *255 ; \n \r X Y-1 F F0 S1 P\xff"
 
 
-@pytest.mark.full
-@pytest.mark.timeout(3600)
+@at_length
 def test_much_nonsense_does_not_upset_it() -> None:
     mutants = Mutants(LINES, PIECES.split(b" "))
 
