@@ -15,7 +15,7 @@ from calibration.wizard.lens_motors import best_node, both_sides, iris_views, pl
 from calibration.wizard.lens_node_result import PLAN, plan_of
 from calibration.wizard.lens_nodes import NODE, NodeSession, samples_of, tilted_views
 from calibration.wizard.lens_page import page_of
-from calibration.wizard.lens_plan import Grid, between, node_at, plan_nodes
+from calibration.wizard.lens_plan import between, node_at, plan_nodes, zoom_steps
 from calibration.wizard.lens_result import (
     KEY,
     VERIFICATION,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from pydantic import JsonValue
 
-    from calibration.wizard.lens_plan import NodePlan
+    from calibration.wizard.lens_plan import Grid, NodePlan
     from mvp.wizard import Answer, Bench, Step, WizardOptions
 
 _DISTANCES_MM = np.geomspace(110.0, 900.0, 16)
@@ -48,7 +48,7 @@ class LensWizard:
     """``mvp-cell calibrate lens``.
 
     Args:
-        grid: how many settings of each motor.
+        grid: how many settings of each motor; None: as the cell file says.
     """
 
     key: ClassVar[str] = KEY
@@ -56,7 +56,7 @@ class LensWizard:
     sessions: ClassVar[type[SessionStore]] = SessionStore
 
     def __init__(self, grid: Grid | None = None) -> None:
-        self._grid = grid or Grid()
+        self._grid = grid
 
     def steps(
         self, bench: Bench, store: SessionStore, options: WizardOptions
@@ -65,18 +65,44 @@ class LensWizard:
         lookout = Lookout(bench, store)
         yield from _temperature(store)
         yield from before_pictures(store)
-        plans = yield from _planned(lookout, self._grid)
+        plans = yield from _planned(lookout, self._grid or store.facts.lens_grid)
+        finished: set[tuple[int, int]] = set()
+        while (yield from self._phases(lookout, plans, finished)) is Word.UNDO:
+            undone = yield from lookout.take_back()
+            if undone is not None:
+                steps = undone.lens_steps
+                finished.discard((steps["zoom"], steps["focus"]))
+        return self.outcome(store)
+
+    def _phases(
+        self,
+        lookout: Lookout,
+        plans: tuple[NodePlan, ...],
+        finished: set[tuple[int, int]],
+    ) -> Generator[Step, Answer, Word | None]:
+        """Each goes on from what there is; ends early with the word that was said.
+
+        Args:
+            lookout: looks and drives.
+            plans: the nodes.
+            finished: zoom and focus of nodes that need no further view, or got none.
+        """
+        irises = (self._grid or lookout.facts.lens_grid).irises
         word = yield from _play(lookout, plans)
         for number, plan in enumerate(plans):
-            if word is Word.FINISH:
-                break
+            if word is not None:
+                return word
+            if (plan.zoom, plan.focus) in finished:
+                continue
             lookout.set_lens(plan.steps)
             word = yield from _node(lookout, plan, number / len(plans))
-        if word is not Word.FINISH:
-            word = yield from iris_views(lookout, plans, self._grid.irises)
-        if word is not Word.FINISH:
-            yield from _held_out(lookout, plans)
-        return self.outcome(store)
+            if word is None:
+                finished.add((plan.zoom, plan.focus))
+        if word is None:
+            word = yield from iris_views(lookout, plans, irises)
+        if word is None:
+            word = yield from _held_out(lookout, plans)
+        return word
 
     def outcome(self, store: SessionStore) -> Outcome:
         """From the folder alone; see ``Wizard``."""
@@ -117,7 +143,7 @@ def _planned(
     store = lookout.store
     target_of(store.facts)
     if not plan_of(store):
-        reach = _reach_mm(lookout)
+        reach = _reach_mm(lookout, grid)
         plans = plan_nodes(store.facts, grid, reach)
         rows: list[JsonValue] = [
             [p.zoom, p.focus, p.iris, p.sharp_mm, int(p.tilts)] for p in plans
@@ -130,7 +156,7 @@ def _planned(
     return plan_of(store)
 
 
-def _reach_mm(lookout: Lookout) -> tuple[float, float]:
+def _reach_mm(lookout: Lookout, grid: Grid) -> tuple[float, float]:
     """Distances from which the arm can look at the target.
 
     Raises:
@@ -138,7 +164,8 @@ def _reach_mm(lookout: Lookout) -> tuple[float, float]:
     """
     facts = lookout.facts
     table = facts.table
-    middle = [int(np.mean(axis.range_steps)) for axis in (table.zoom, table.focus)]
+    zooms = zoom_steps(facts, grid.zooms, grid.f_mm)
+    middle = (int(np.mean(zooms)), int(np.mean(table.focus.range_steps)))
     plan = node_at(facts, *middle)
     lens = facts.lens_at(plan.steps)
     camera = camera_at(facts, lens)
@@ -207,7 +234,7 @@ def _node(
 
 def _held_out(
     lookout: Lookout, plans: tuple[NodePlan, ...]
-) -> Generator[Step, Answer, None]:
+) -> Generator[Step, Answer, Word | None]:
     """Two views at each of some settings that are no nodes."""
     yield Say("held-out settings: they take no part in the table, and test it")
     for plan in held_out_settings(lookout, plans):
@@ -218,9 +245,10 @@ def _held_out(
             if len(mine) >= _HELD_OUT_VIEWS:
                 break
             sample = yield from _one_held_out(lookout, plan, len(mine) + 1)
-            if sample is Word.FINISH:
-                return
+            if isinstance(sample, Word):
+                return sample
             failures += not (isinstance(sample, Sample) and sample.usable)
+    return None
 
 
 def _one_held_out(
@@ -240,8 +268,6 @@ def _one_held_out(
         role=VERIFICATION,
         words=f"to held-out view {number} at {plan.name}",
     )
-    if sample is Word.UNDO:
-        lookout.store.undo()
     return sample
 
 

@@ -86,6 +86,8 @@ def plan_sides(facts: SessionFacts, nodes: Sequence[NodePlan]) -> tuple[Side, ..
     }
     for axis in AXES:
         low, high = ends[axis]
+        if low == high:
+            continue
         run = max(
             int(_RUN_SHARE * (high - low)),
             _RUN_BACKLASH * tables[axis].backlash_steps,
@@ -136,7 +138,7 @@ def both_sides(
 ) -> Generator[Step, Answer, Word | None]:
     """Pictures after approaches from both sides; the arm stands at one place."""
     store = lookout.store
-    left = [s for s in sides if len(readings_of(store, s, BELOW)) < 2]
+    left = [side for side in sides if not _is_read(store, side)]
     if not left:
         return None
     lookout.set_lens(node.steps)
@@ -150,13 +152,13 @@ def both_sides(
         role="first",
         words="to where the play of the motors is measured",
     )
-    if told is Word.FINISH or not isinstance(told, Sample):
-        return Word.FINISH if told is Word.FINISH else None
+    if not isinstance(told, Sample):
+        return told
     for number, side in enumerate(left):
         yield Working(f"play of {side.axis}", number, len(left))
         exposure = _DIM * told.exposure_s if side.axis == "iris" else None
         word = yield from _one_place(lookout, node, side, exposure)
-        if word is Word.FINISH:
+        if word is not None:
             return word
     lookout.set_lens(node.steps)
     return None
@@ -182,13 +184,19 @@ def _one_place(
             exposure_s=exposure_s,
             sharp=False,
         )
-        if sample is Word.FINISH:
-            return Word.FINISH
+        if isinstance(sample, Word):
+            return sample
     return None
 
 
 def _straight(lookout: Lookout, node: NodePlan, axis: Axis, step: int) -> None:
     lookout.set_lens({**node.steps, axis: step}, straight=True)
+
+
+def _is_read(store: SessionStore, side: Side) -> bool:
+    """From both sides twice, and how much a step is."""
+    counts = [len(readings_of(store, side, stop)) for stop in (BELOW, ABOVE, FURTHER)]
+    return min(counts[:2]) >= 2 and counts[2] >= 1
 
 
 def readings_of(store: SessionStore, side: Side, stop: str) -> list[Sample]:
@@ -290,10 +298,8 @@ def iris_views(
             words="to where the iris is measured",
             sharp=False,
         )
-        if sample is Word.FINISH:
-            return Word.FINISH
-        if sample is None:
-            return None
+        if not isinstance(sample, Sample):
+            return sample
         place = None
     return None
 

@@ -169,10 +169,8 @@ def tilted_views(
             role=NODE,
             words=f"to view {count + 1} at {plan.name}",
         )
-        if sample is Word.FINISH:
-            return Word.FINISH
-        if sample is Word.UNDO:
-            store.undo()
+        if isinstance(sample, Word):
+            return sample
         failures += not (isinstance(sample, Sample) and sample.usable)
     return None
 

@@ -182,12 +182,12 @@ def _faced(lookout: Lookout, plan: NodePlan) -> Pose:
 def _moves(lookout: Lookout, plan: NodePlan, start: Pose, label: str) -> Told:
     """The start, and there and back along each axis of the tool."""
     ways = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-    for number, move in enumerate(_MOVE_MM * ways):
-        extra: dict[str, JsonValue] = {"move_mm": move.tolist(), "label": label}
-        word = yield from _one(lookout, plan, AXIS, start, move, number, extra)
-        if word is not None:
-            return word
-    return None
+    moves = _MOVE_MM * ways
+    extras: list[dict[str, JsonValue]] = [
+        {"move_mm": move.tolist(), "label": label} for move in moves
+    ]
+    word = yield from _line(lookout, plan, AXIS, start, moves, extras)
+    return word
 
 
 def _stops(
@@ -201,12 +201,42 @@ def _stops(
 ) -> Told:
     """Stops along a direction (tool axes) about the start."""
     half = _TRAVEL_SHARE * plan.sharp_mm / 2
-    for number, travel in enumerate(np.linspace(-half, half, count)):
-        extra: dict[str, JsonValue] = {"travel_mm": float(travel), "label": label}
-        move = travel * direction
-        word = yield from _one(lookout, plan, role, start, move, number, extra)
-        if word is not None:
-            return word
+    travels = np.linspace(-half, half, count)
+    extras: list[dict[str, JsonValue]] = [
+        {"travel_mm": float(travel), "label": label} for travel in travels
+    ]
+    moves = travels[:, None] * direction
+    word = yield from _line(lookout, plan, role, start, moves, extras)
+    return word
+
+
+def _line(
+    lookout: Lookout,
+    plan: NodePlan,
+    role: str,
+    start: Pose,
+    moves_mm: FloatArray,
+    extras: Sequence[Mapping[str, JsonValue]],
+) -> Told:
+    """A picture at each stop; one that is taken back is taken again.
+
+    Before the first one, the word is for whoever took the picture before.
+    """
+    taken: list[int] = []
+    number = 0
+    while number < len(moves_mm):
+        told = yield from _one(
+            lookout, plan, role, start, moves_mm[number], number, extras[number]
+        )
+        if told is Word.FINISH or (told is Word.UNDO and not taken):
+            return Word.FINISH if told is Word.FINISH else Word.UNDO
+        if told is Word.UNDO:
+            yield from lookout.take_back()
+            number = taken.pop()
+            continue
+        if told is not None:
+            taken.append(number)
+        number += 1
     return None
 
 
@@ -218,7 +248,7 @@ def _one(
     move_mm: FloatArray,
     number: int,
     extra: Mapping[str, JsonValue],
-) -> Told:
+) -> Generator[Step, Answer, Sample | Word | None]:
     """One picture at the start moved along the tool's own axes, without turning."""
     d_mm = lookout.facts.lens_at(plan.steps).d_mm
     shift = Pose("tool", "tool", np.eye(3), np.asarray(move_mm, np.float64))
@@ -234,7 +264,7 @@ def _one(
         extra=extra,
         sharp=False,
     )
-    return Word.FINISH if sample is Word.FINISH else None
+    return sample
 
 
 def _camera_in_tool(store: SessionStore, plan: NodePlan, label: str) -> FloatArray:

@@ -12,7 +12,7 @@ from calibration.wizard.part_result import Found
 
 if TYPE_CHECKING:
     from calibration.report import Photo
-    from calibration.wizard.part_result import Pictured
+    from calibration.wizard.part_pictured import Pictured
     from calibration.wizard.session_store import SessionStore
     from mvp.wizard import Outcome
 
