@@ -79,6 +79,7 @@ HELD_OUT = Limit(
     3.0,
     "add views; look for one that was taken at another lens setting",
 )
+NOISE_CODE = "residuals-above-noise"
 _LEAST_VIEWS = 3
 _PERFECT_PX = 0.02
 _OUTLYING_VIEW = 3.0
@@ -205,7 +206,7 @@ def noise_causes(
         "layout), free more distortion terms, or state the true noise"
     )
     grade: Grade = "no-go" if times > _FAR_ABOVE_NOISE else "marginal"
-    return (Cause("residuals-above-noise", grade, message, action),)
+    return (Cause(NOISE_CODE, grade, message, action),)
 
 
 def _outlying_views(seen: Observations, view_rms_px: FloatArray) -> list[Cause]:

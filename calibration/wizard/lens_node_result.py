@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from calibration.camera_start import poses_with
+from calibration.camera_verdict import NOISE_CODE
 from calibration.lens_table import LensNode, Measured, PixelGrid, node_from_views
 from calibration.lens_table.edge_blur import EdgeBlurs, edge_blurs, optics_of
 from calibration.lens_table.sharpness import sharp_place
 from calibration.projection import PinholeCamera, project
+from calibration.wizard.camera_views import LARGEST_NOISE_PX, shape_prior
 from calibration.wizard.lens_nodes import NODE, samples_of
 from calibration.wizard.lens_plan import NodePlan
+from calibration.wizard.lens_shape import shared
 from calibration.wizard.lens_travel import measured, share_of, stops_of
 from calibration.wizard.lookout import layout_of, target_of
 from calibration.wizard.points import points_of
@@ -25,6 +28,9 @@ if TYPE_CHECKING:
     from calibration.bundle import BundleState
     from calibration.camera import CameraEstimate
     from calibration.observations import Observations
+    from calibration.target_shape import FoundShape
+    from calibration.verdict import Cause
+    from calibration.wizard.lens_shape import SharedShape
     from calibration.wizard.session_store import Sample, SessionStore
     from mvp.calibrated import PointResiduals
     from mvp.geometry import FloatArray
@@ -42,12 +48,14 @@ class NodeResult:
         camera: as measured at this setting.
         pictures: the camera fit and what it was made from; None for a travel.
         points: residuals of every view or stop.
+        shape: of the target, by all nodes; None for a travel.
     """
 
     node: LensNode
     camera: PinholeCamera
     pictures: tuple[CameraEstimate, Observations] | None = None
     points: tuple[PointResiduals, ...] = ()
+    shape: FoundShape | None = None
 
 
 def plan_of(store: SessionStore) -> tuple[NodePlan, ...]:
@@ -62,6 +70,57 @@ def plan_of(store: SessionStore) -> tuple[NodePlan, ...]:
     return tuple(plans)
 
 
+def nodes_of(store: SessionStore) -> list[NodeResult]:
+    """All nodes with enough views, each with what all know of the target."""
+    found = [one for plan in plan_of(store) if (one := node_of(store, plan))]
+    fits = [one.pictures[0] for one in found if one.pictures]
+    if not fits:
+        return found
+    told = iter(shared(fits, shape_prior(store.facts)))
+    pitch = store.facts.sensor.pitch_x_mm
+    return [_with(one, next(told), pitch) if one.pictures else one for one in found]
+
+
+def _with(one: NodeResult, told: SharedShape, pitch_x_mm: float) -> NodeResult:
+    """A node with the numbers that all of them give it."""
+    values = [float(value) for value in told.values]
+    own = one.node
+    node = LensNode.from_camera(
+        (own.zoom, own.focus),
+        values,
+        told.covariance,
+        pitch_x_mm=pitch_x_mm,
+        sharp_mm=own.sharp_mm,
+        pupil_mm=own.pupil_mm,
+        fill=own.fill,
+    )
+    fx, cx, cy, k1 = values
+    fy = fx * one.camera.fy_px / one.camera.fx_px
+    camera = replace(one.camera, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, k1=k1)
+    return replace(one, node=node, camera=camera, shape=told.shape)
+
+
+def target_causes(nodes: Sequence[NodeResult]) -> tuple[Cause, ...]:
+    """What the target and the residuals of the nodes say against a table."""
+    shapes = [one.shape for one in nodes if one.shape]
+    noisy = tuple(
+        replace(cause, message=f"zoom {one.node.zoom} focus {one.node.focus}: {text}")
+        for one in nodes
+        for cause in (one.pictures[0].verdict.causes if one.pictures else ())
+        if cause.code == NOISE_CODE and (text := cause.message)
+    )
+    return (*(shapes[0].causes() if shapes else ()), *noisy)
+
+
+def on_the_target(seen: Observations, nodes: Sequence[NodeResult]) -> Observations:
+    """The points where a target lies that the nodes found not to be as stated."""
+    shapes = [one.shape for one in nodes if one.shape and one.shape.found]
+    if not shapes:
+        return seen
+    moved = shapes[0].shape.moved(seen.points_target_mm)
+    return replace(seen, points_target_mm=moved)
+
+
 def node_of(store: SessionStore, plan: NodePlan) -> NodeResult | None:
     """One node from its views or its travel; None with too few of them."""
     if not plan.tilts:
@@ -74,7 +133,10 @@ def node_of(store: SessionStore, plan: NodePlan) -> NodeResult | None:
     node, found = node_from_views(
         seen,
         (plan.zoom, plan.focus),
-        PixelGrid(sensor.pitch_x_mm, sensor.pitch_y_mm),
+        PixelGrid(
+            sensor.pitch_x_mm, sensor.pitch_y_mm, largest_noise_px=LARGEST_NOISE_PX
+        ),
+        shape=shape_prior(store.facts),
         folds=0,
     )
     sharp = _sharp(store, samples, found.state, node.f_cal_mm)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.camera import CameraOptions, calibrate_camera
-from calibration.camera_start import poses_with
+from calibration.camera_start import poses_with, start_from_planes
 from calibration.lens_table import (
     AxisNodes,
     Conditions,
@@ -28,7 +28,14 @@ from calibration.lens_table.sharpness import blur_shots
 from calibration.wizard.before import half_field_mm, kept, line_of
 from calibration.wizard.compare_lens import compare_lens_tables
 from calibration.wizard.lens_motors import IRIS, hysteresis_of, plan_sides
-from calibration.wizard.lens_node_result import NodeResult, blur_of, node_of, plan_of
+from calibration.wizard.lens_node_result import (
+    NodeResult,
+    blur_of,
+    nodes_of,
+    on_the_target,
+    plan_of,
+    target_causes,
+)
 from calibration.wizard.lens_nodes import samples_of
 from calibration.wizard.lens_work import OnTheWork, left_out_mm, on_the_work
 from calibration.wizard.points import rms_px
@@ -62,7 +69,7 @@ def outcome_of(store: SessionStore) -> Outcome:
         CalibrationError: too little was measured to make a table; says what is missing.
     """
     facts = store.facts
-    nodes = [found for plan in plan_of(store) if (found := node_of(store, plan))]
+    nodes = nodes_of(store)
     if not nodes:
         raise CalibrationError(
             "no lens setting was measured with three usable views or more",
@@ -185,15 +192,17 @@ def _foretold(
     iris = tables.table.iris.range_steps[0]
     lens = tables.table.setting(steps["zoom"], steps["focus"], iris)
     wanted = float(principal_distance_mm(lens.d_mm, lens.f_mm, lens.e_mm))
+    seen, aspect = store.observations(samples), sensor.pitch_x_mm / sensor.pitch_y_mm
     found = calibrate_camera(
-        store.observations(samples),
+        on_the_target(seen, nodes),
         CameraOptions(
             free=("fx_px", "fy_px", "cx_px", "cy_px", "k1"),
             tied_focal=True,
-            aspect=sensor.pitch_x_mm / sensor.pitch_y_mm,
+            aspect=aspect,
             priors=_usual(nodes),
             folds=0,
         ),
+        start=start_from_planes(seen, aspect=aspect),
     )
     error = found.camera.fx_px * sensor.pitch_x_mm - wanted
     own = found.sigma_of("fx_px") * sensor.pitch_x_mm
@@ -232,7 +241,8 @@ def _told(
     document = calibration_file(tables, identity)
     stamp = provenance_of(store, "lens", document.provenance.method)
     work = on_the_work(facts, tables)
-    quality = with_causes(_quality(document.quality, nodes, work, held), held.causes())
+    causes = (*target_causes(nodes), *held.causes())
+    quality = with_causes(_quality(document.quality, nodes, work, held), causes)
     document = document.model_copy(
         update={
             "provenance": stamp,

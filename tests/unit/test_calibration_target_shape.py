@@ -20,6 +20,7 @@ from calibration.target_shape import (
     TargetShape,
 )
 from calibration.wizard.camera_views import camera_options
+from calibration.wizard.lens_shape import LENS_NAMES, shared
 
 CAMERA = PinholeCamera(1500.0, 1500.0, 645.0, 475.0, k1=-0.1)
 SIZE = (1280, 960)
@@ -226,3 +227,46 @@ def test_a_prior_without_width_is_refused():
     with pytest.raises(ValueError, match="positive"):
         ShapePrior(0.0, 0.001)
     assert len(SHAPE_NAMES) == len(ShapePrior(1.0, 0.01).sigmas)
+
+
+def nodes_of_one_lens(rng, printed):
+    """The same board at several principal distances, five views each."""
+    prior = ShapePrior.of_a_print(board())
+    for f_px in (1200.0, 1500.0, 1900.0):
+        lens = replace(CAMERA, fx_px=f_px, fy_px=f_px)
+        turns, places = tilted(rng, 5)
+        pixels = [
+            project(lens, turn, place * [1, 1, f_px / 1500.0], printed)
+            + rng.normal(0, NOISE_PX, (len(printed), 2))
+            for turn, place in zip(turns, places, strict=True)
+        ]
+        seen = Observations.from_views([board()] * 5, pixels, size_px=SIZE)
+        options = CameraOptions(free=FREE, tied_focal=True, folds=0, shape=prior)
+        yield f_px, calibrate_camera(seen, options)
+
+
+def test_nodes_of_a_lens_share_what_they_know_of_the_target():
+    rng, prior = np.random.default_rng(8), ShapePrior.of_a_print(board())
+    truth, found = zip(*nodes_of_one_lens(rng, bowed(board(), 0.4)), strict=True)
+    told = shared(found, prior)
+    for f_px, alone, together in zip(truth, found, told, strict=True):
+        sigma = float(np.sqrt(together.covariance[0, 0]))
+        assert sigma < alone.sigma_of("fx_px")
+        assert abs(together.values[0] - f_px) < 2.5 * sigma
+        np.testing.assert_allclose(
+            together.shape.shape.values, told[0].shape.shape.values, atol=1e-9
+        )
+        assert alone.shape is not None
+        assert (together.shape.sigmas < alone.shape.sigmas).all()
+    assert told[0].shape.found == ("bow_x_mm",)
+    assert abs(told[0].shape.shape.values[0] - 0.4) < 3 * told[0].shape.sigmas[0]
+
+
+def test_a_node_alone_knows_what_it_knew():
+    rng, prior = np.random.default_rng(8), ShapePrior.of_a_print(board())
+    _, found = next(nodes_of_one_lens(rng, board()))
+    (told,) = shared([found], prior)
+    assert told.values[0] == pytest.approx(found.camera.fx_px)
+    np.testing.assert_allclose(
+        told.covariance, found.estimate.block(LENS_NAMES), rtol=1e-6, atol=1e-12
+    )
