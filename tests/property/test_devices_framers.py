@@ -12,6 +12,7 @@ from mvp.devices import (
     LengthFramer,
     LineFramer,
 )
+from tests.fuzzing import Mutants, at_length, fuzz
 
 LENGTHS = {0x74: 3, 0x76: 7, 0x67: 12}
 MAKERS: dict[str, Callable[[], Framer]] = {
@@ -167,3 +168,28 @@ def test_an_echo_stripper_only_removes(sent: list[bytes], came: list[bytes]) -> 
         stripper.sent(data)
     passed = b"".join(map(stripper.feed, came)) + stripper.reset()
     assert len(passed) <= sum(map(len, came))
+
+
+SENT = (b"G1 X10\n", b"$$\n")
+ECHOED = [b"G1 X10\nok\n$$\n$1=2\nok\n", b"G1 X10\n$$\n<Idle>\nok\n"]
+
+
+@at_length
+def test_an_echo_stripper_loses_nothing_but_echoes_at_length() -> None:
+    """Of 100,000 damaged streams, each cut in two."""
+    mutants = Mutants(ECHOED, [*SENT, b"ok", b"\n", b"G1"])
+
+    def check(data: bytes) -> None:
+        stripper = EchoStripper()
+        for sent in SENT:
+            stripper.sent(sent)
+        at = mutants.rng.randrange(len(data) + 1)
+        passed = stripper.feed(data[:at]) + stripper.feed(data[at:])
+        held = stripper.reset()
+        gone = len(data) - len(passed + held)
+        assert gone in (0, len(SENT[0]), len(SENT[0]) + len(SENT[1]))
+        assert bytes(sorted(passed + held + b"".join(SENT))) == bytes(
+            sorted(data + b"".join(SENT)[gone:])
+        )
+
+    fuzz(check, mutants)
