@@ -57,17 +57,17 @@ _WRONG = {
     "constant-over-focus": "look for breathing: calibrate a narrower focus range, "
     "or check the stated uncertainties",
     "one-pupil-offset": "measure two focus settings or more at every zoom; or calibrate "
-    "the zoom that is used alone: [calibrate.lens] zooms and f_mm of the cell file",
+    "the zoom that is used alone: [lens_calibration] zooms and f_mm of the cell file",
     "parfocal": "measure two focus settings or more at every zoom; or calibrate the zoom "
-    "that is used alone: [calibrate.lens] zooms and f_mm of the cell file",
+    "that is used alone: [lens_calibration] zooms and f_mm of the cell file",
     "one-table": "calibrate a narrower zoom range, or the zoom that is used alone: "
-    "[calibrate.lens] zooms and f_mm of the cell file",
+    "[lens_calibration] zooms and f_mm of the cell file",
     "pupil-follows": "do not shift a hand-eye result by d; calibrate it at each setting",
     "smooth-focus": "let the target fill more of the picture and fit each node alone",
 }
 
 
-_MORE_STEPS = " ([calibrate.lens] zooms, focuses, irises of the cell file)"
+_MORE_STEPS = " ([lens_calibration] zooms, focuses, irises of the cell file)"
 
 
 def judge_lens(tables: LensTables) -> Verdict:

@@ -7,12 +7,13 @@ the focus settings that are sharp where the arm can stand, every focus with a zo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from calibration.wizard.lookout import target_of
 from calibration.wizard.working import pupil_for_depth, sharp_mm
+from mvp.calibrated import LensGrid
 from mvp.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -22,21 +23,15 @@ if TYPE_CHECKING:
     from mvp.optics import LensSetting
     from mvp.wizard import SessionFacts
 
+Grid: TypeAlias = LensGrid
+
 NODE_LIMIT_PX = 2.5
 _FINE = 65
+_SAME_SHARE = 0.02
 _MOST_OF_A_ZOOM = 3
 _DEPTH_SHARE = 0.22
 _TILT_DEPTH = 0.09
 _LEAST_SQUARES, _FILL = 5.0, 0.5
-
-
-@dataclass(frozen=True)
-class Grid:
-    """How many settings of each motor are measured."""
-
-    zooms: int = 4
-    focuses: int = 5
-    irises: int = 4
 
 
 @dataclass(frozen=True)
@@ -81,7 +76,7 @@ def plan_nodes(
     Raises:
         CalibrationError: hardly any setting is sharp where the arm can stand.
     """
-    zooms = zoom_steps(facts, grid.zooms)
+    zooms = zoom_steps(facts, grid.zooms, grid.f_mm)
     focuses = focus_steps(facts, grid.focuses, zooms, reach_mm)
     plans: list[NodePlan] = []
     for zoom in zooms:
@@ -91,7 +86,8 @@ def plan_nodes(
     for focus in sorted(missing):
         able = [z for z in zooms if _sharp_in(facts, z, focus, reach_mm)]
         plans += [node_at(facts, zoom, focus) for zoom in able[:1]]
-    if len({p.zoom for p in plans}) < 2 or len({p.focus for p in plans}) < 2:
+    fewest = min(2, len(zooms))
+    if len({p.zoom for p in plans}) < fewest or len({p.focus for p in plans}) < 2:
         raise CalibrationError(
             f"hardly any lens setting is sharp between {reach_mm[0]:.0f} and "
             f"{reach_mm[1]:.0f} mm, where the arm can see the target",
@@ -101,14 +97,35 @@ def plan_nodes(
     return tuple(sorted(plans, key=lambda plan: (plan.zoom, plan.focus)))
 
 
-def zoom_steps(facts: SessionFacts, count: int) -> list[int]:
-    """Both ends of the zoom and equal ratios of f between them."""
+def zoom_steps(
+    facts: SessionFacts, count: int, f_mm: float | tuple[float, float] | None = None
+) -> list[int]:
+    """Both ends of the zoom and equal ratios of f between them; its middle for one.
+
+    Args:
+        facts: with the present table.
+        count: how many.
+        f_mm: the range, or the only one; None: all of the table.
+
+    Raises:
+        CalibrationError: the asked focal lengths are not those of the lens.
+    """
     axis = facts.table.zoom
-    first, last = axis.range_steps
-    wanted = np.geomspace(
-        float(axis.value_mm(first)), float(axis.value_mm(last)), count
-    )
-    return sorted({axis.nearest_step(float(f)) for f in wanted})
+    able = axis.range_mm
+    ends = f_mm if isinstance(f_mm, tuple) else (f_mm, f_mm) if f_mm else able
+    near = np.clip(ends, *able)
+    if np.abs(near - ends).max() > _SAME_SHARE * able[0]:
+        raise CalibrationError(
+            f"f of {ends[0]:g} to {ends[1]:g} mm was asked for, but the present table of "
+            f"the lens goes from {able[0]:.4g} to {able[1]:.4g} mm",
+            hint="correct f_mm in [lens_calibration] of the cell file, or put a table in "
+            "place that goes further: one before, or the data sheet",
+            where=facts.cell,
+        )
+    if count == 1:
+        return [axis.nearest_step(float(np.sqrt(near[0] * near[1])))]
+    asked = np.geomspace(near[0], near[1], count)
+    return sorted({axis.nearest_step(float(f)) for f in asked})
 
 
 def focus_steps(
@@ -150,8 +167,10 @@ def node_at(facts: SessionFacts, zoom: int, focus: int) -> NodePlan:
 
 
 def between(steps: Sequence[int]) -> list[int]:
-    """Whole steps half-way between neighbours: settings that are no nodes."""
+    """Whole steps half-way between neighbours, no nodes; of one step itself."""
     ordered = np.array(sorted(set(steps)))
+    if len(ordered) == 1:
+        return [int(ordered[0])]
     return [int(s) for s in np.rint((ordered[1:] + ordered[:-1]) / 2)]
 
 

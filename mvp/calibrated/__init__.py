@@ -1,5 +1,6 @@
 """Result models of calibrations, and what a target shows: data only."""
 
+from mvp.calibrated.lens_grid import LensGrid
 from mvp.calibrated.models import (
     AchievableSet,
     AchievableZoom,
@@ -30,6 +31,7 @@ __all__ = [
     "AchievableZoom",
     "AxisTable",
     "CameraCalibration",
+    "LensGrid",
     "LensNodeResult",
     "LensTableCalibration",
     "LensValidity",

@@ -64,6 +64,7 @@ def facts_of(
         tube_mm=config.optics.mounted_tube_mm,
         workspace_low_mm=config.workspace.low_mm,
         workspace_high_mm=config.workspace.high_mm,
+        lens_grid=config.lens_calibration,
         temperature_c=temperature.value_c,
         temperature_source=temperature.source,
         accepted_calibration=accepted,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from mvp.calibrated import TargetPrint
+from mvp.calibrated import LensGrid, TargetPrint
 from mvp.cell.light_config import LightConfig
 from mvp.cell.values import (
     Name,
@@ -274,6 +274,10 @@ class CellConfig(FileModel):
     conditions: ConditionsConfig = Field(default_factory=ConditionsConfig)
     target: TargetConfig | None = Field(
         default=None, description="what `mvp-cell calibrate` looks at"
+    )
+    lens_calibration: LensGrid = Field(
+        default_factory=LensGrid,
+        description="at how many settings `mvp-cell calibrate lens` measures",
     )
     workspace: BoxConfig
     settle: SettleConfig = Field(default_factory=SettleConfig)
