@@ -7,7 +7,29 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from mvp.calibrated import LensTableCalibration, RigidCalibration
     from mvp.optics import LensSteps, LensTable, MotorAxis
+
+
+_SAME_ZOOM = 0.02
+
+
+def carried_words(
+    hand_eye: RigidCalibration, table: LensTableCalibration, f_mm: float
+) -> str:
+    """That hand-eye is carried to another zoom than measured; empty where it is not.
+
+    Nothing measures how the pupil moves with the zoom unless the table says so.
+    """
+    known = hand_eye.reference_f_mm
+    measured = table.by_zoom is not None and bool(table.by_zoom.pupil_shift_mm)
+    if known is None or measured or abs(f_mm - known) <= _SAME_ZOOM * known:
+        return ""
+    return (
+        f"hand-eye was measured at f = {known:.4g} mm and is carried to f = {f_mm:.4g} mm "
+        "as if the pupil moved with d alone, which no measurement shows: calibrate "
+        "hand-eye at this zoom, or keep lens.f_mm of the task near the one it has"
+    )
 
 
 def narrowed_axes(whole: LensTable, valid: LensTable) -> tuple[MotorAxis, ...]:

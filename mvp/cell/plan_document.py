@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.cell.lens_validity import carried_words
 from mvp.cell.view_uncertainty import kept_probability
 from mvp.planning.chance import failure_probability
 from mvp.planning.plan import LensSteps, Margin, NotCovered, PlannedView, Tolerance
@@ -135,6 +136,11 @@ class ViewWriter:
                 f"mount the {realised.tube_mm:g} mm extension tube and set "
                 f"optics.mounted_tube_mm = {realised.tube_mm:g} before the run"
             )
+        found = self.factory.cell.calibrations
+        f_mm = realised.setting.f_mm
+        carried = carried_words(found.hand_eye, found.lens_table, f_mm)
+        if carried:
+            notes.append(carried)
         if realised.path.via:
             notes.append(f"the arm goes round by way of {realised.path.via}")
         if realised.contrast is not None:

@@ -66,9 +66,7 @@ def _pose_chain(cell: LoadedCell) -> PoseChain | None:
     camera = found.camera
     if hand_eye is None or part is None or camera.covariance is None:
         return None
-    across, down = (
-        np.sqrt(_variance(camera.covariance, name)) for name in ("cx_px", "cy_px")
-    )
+    across, down = _centre_sigma_px(camera.covariance, found.lens_table)
     return PoseChain(
         found.base_from_part,
         found.tool_from_camera,
@@ -77,11 +75,23 @@ def _pose_chain(cell: LoadedCell) -> PoseChain | None:
         robot_covariance(cell),
         _by_hand_eye(found),
         (
-            float(across * camera.pitch_x_um / 1000),
-            float(down * camera.pitch_y_um / 1000),
+            across * camera.pitch_x_um / 1000,
+            down * camera.pitch_y_um / 1000,
         ),
         found.lens_table.pupil_offset_standard_deviation_mm,
     )
+
+
+def _centre_sigma_px(
+    camera: NamedCovariance, table: LensTableCalibration
+) -> tuple[float, float]:
+    """Of the principal point: the lens table's where it holds one, else the camera's."""
+    by_zoom = table.by_zoom
+    if by_zoom is not None and by_zoom.centre_x_px:
+        known = by_zoom.standard_deviation
+        return known.get("centre_x_px", 0.0), known.get("centre_y_px", 0.0)
+    across, down = (_variance(camera, name) ** 0.5 for name in ("cx_px", "cy_px"))
+    return across, down
 
 
 def _rigid(model: RigidCalibration) -> FloatArray | None:
