@@ -30,6 +30,7 @@ from calibration.observations import Observations
 from calibration.tsai import TsaiCamera, TsaiOptions, tsai_calibrate
 from mvp.testing.paraxial_lens import ParaxialLens
 from tools.bench_calibration_poses import bench_charuco, bench_hand_eye, bench_part
+from tools.bench_calibration_real import bench_boards, bench_willson
 from tools.bench_calibration_rows import Clock, Row, rms, shown, table
 
 if TYPE_CHECKING:
@@ -293,6 +294,8 @@ BENCHES: dict[str, Callable[[int, np.random.Generator], Iterator[Row]]] = {
     "hand-eye": bench_hand_eye,
     "part": bench_part,
     "charuco": bench_charuco,
+    "willson": bench_willson,
+    "boards": bench_boards,
 }
 
 

@@ -21,6 +21,7 @@ from calibration.target_shape import (
 )
 from calibration.wizard.camera_views import camera_options
 from calibration.wizard.lens_shape import LENS_NAMES, shared
+from tools.bench_calibration_real import DATA, SIDES, chessboards
 
 CAMERA = PinholeCamera(1500.0, 1500.0, 645.0, 475.0, k1=-0.1)
 SIZE = (1280, 960)
@@ -270,3 +271,21 @@ def test_a_node_alone_knows_what_it_knew():
     np.testing.assert_allclose(
         told.covariance, found.estimate.block(LENS_NAMES), rtol=1e-6, atol=1e-12
     )
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("side", SIDES)
+def test_both_cameras_see_the_same_bow_of_a_real_board(side):
+    """mrcal's two warp terms for the left pictures are 0.03 mm and 0.18 mm."""
+    if not (DATA / "opencv_chessboard").is_dir():
+        pytest.skip("the OpenCV chessboard pictures are not here")
+    seen = chessboards(side)
+    prior = ShapePrior.of_a_print(seen.points_target_mm)
+    found = calibrate_camera(seen, CameraOptions(folds=0, shape=prior))
+    assert found.shape is not None
+    across, along, *_ = np.abs(found.shape.shape.values)
+    assert across == pytest.approx(0.03, abs=0.05)
+    assert along == pytest.approx(0.18, abs=0.04)
+    assert "bow_y_mm" in found.shape.found
+    assert "bow_x_mm" not in found.shape.found
+    assert found.rms_px < calibrate_camera(seen, CameraOptions(folds=0)).rms_px
