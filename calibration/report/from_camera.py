@@ -14,20 +14,13 @@ from calibration.report.plots import (
     BudgetPart,
     Coverage,
     ErrorBudget,
-    Outline,
     ResidualField,
-    Scene,
     ViewBars,
     WorkMap,
 )
 from calibration.report.shapes import (
     NORMAL_95,
-    axes_length_mm,
-    axes_outline,
-    drawn_reach_mm,
-    half_angles,
-    matrices,
-    target_outline,
+    target_scene,
     tilts_of,
 )
 
@@ -170,7 +163,8 @@ def _plots(
     if work is not None:
         plots.append(WorkMap(work.pixels, work.refitted_mm, distance_mm))
         plots.append(_budget(found, work))
-    return [*plots, _scene(found, seen)]
+    there = Poses(found.state.rotation, found.state.translation_mm)
+    return [*plots, target_scene(there, found.camera, seen, seen.names)]
 
 
 def _budget(found: CameraEstimate, work: ProjectionUncertainty) -> ErrorBudget:
@@ -182,22 +176,5 @@ def _budget(found: CameraEstimate, work: ProjectionUncertainty) -> ErrorBudget:
         (
             BudgetPart("calibration", spread, "this result, mean over the picture"),
             BudgetPart("pixel noise", noise, f"{found.sigma_px:.3g} px of one point"),
-        ),
-    )
-
-
-def _scene(found: CameraEstimate, seen: Observations) -> Scene:
-    camera_from_target = Poses(found.state.rotation, found.state.translation_mm)
-    distances = np.linalg.norm(found.state.translation_mm, axis=1)
-    origin = Poses(np.eye(3)[None], np.zeros((1, 3)))
-    return Scene(
-        "target",
-        matrices(camera_from_target.inverse()),
-        seen.names,
-        half_angles(found.camera, (seen.width_px, seen.height_px)),
-        drawn_reach_mm(distances),
-        (
-            Outline("target", (target_outline(seen),)),
-            axes_outline(origin, axes_length_mm(distances)),
         ),
     )

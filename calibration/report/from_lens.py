@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.lens_table import judge_lens
+from calibration.poses import Poses
 from calibration.report.model import Quantity, ReportData
 from calibration.report.numbers import sigma_text, value_text
 from calibration.report.plots import (
@@ -16,8 +17,9 @@ from calibration.report.plots import (
     LensCurve,
     NodeErrors,
     ResidualField,
+    ViewBars,
 )
-from calibration.report.shapes import NORMAL_95
+from calibration.report.shapes import NORMAL_95, target_scene, tilts_of
 from calibration.verdict import judged
 from mvp.optics import focus_distance_mm
 
@@ -170,12 +172,29 @@ def _plots(
         NodeErrors(names, 1000 * off, 1000 * np.sqrt(fit.seen.covariances[:, 0, 0])),
     ]
     if pictures:
-        pixels = np.concatenate([seen.pixels for _, seen in pictures])
-        errors = np.concatenate([found.errors_px for found, _ in pictures])
-        size = (sensor.width_px, sensor.height_px)
-        plots.append(ResidualField(pixels, errors, size, _sigma_px(pictures)))
-        plots.append(Coverage.of(pixels, size))
+        plots += _of_pictures(pictures, (sensor.width_px, sensor.height_px))
     return plots
+
+
+def _of_pictures(
+    pictures: Sequence[tuple[CameraEstimate, Observations]], size_px: tuple[int, int]
+) -> list[Plot]:
+    """Of the views at all nodes together: residuals, coverage, tilts, places."""
+    pixels = np.concatenate([seen.pixels for _, seen in pictures])
+    errors = np.concatenate([found.errors_px for found, _ in pictures])
+    names = tuple(name for found, _ in pictures for name in found.view_names)
+    rms = np.concatenate([found.view_rms_px for found, _ in pictures])
+    rotation = np.concatenate([found.state.rotation for found, _ in pictures])
+    shift = np.concatenate([found.state.translation_mm for found, _ in pictures])
+    widest = min((found.camera for found, _ in pictures), key=lambda c: c.fx_px)
+    scene = target_scene(Poses(rotation, shift), widest, pictures[0][1], names)
+    return [
+        ViewBars("residual of each view (RMS)", "px", names, rms),
+        ResidualField(pixels, errors, size_px, _sigma_px(pictures)),
+        Coverage.of(pixels, size_px),
+        tilts_of(rotation, names),
+        scene,
+    ]
 
 
 def _sigma_px(pictures: Sequence[tuple[CameraEstimate, Observations]]) -> float:

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibration.poses import Poses
 from calibration.projection import POSE_NAMES
 from calibration.report.model import Quantity
-from calibration.report.plots import Outline, Tilts
+from calibration.report.plots import Outline, Scene, Tilts
 
 if TYPE_CHECKING:
     from calibration.observations import Observations
-    from calibration.poses import Poses
     from calibration.projection import PinholeCamera
     from mvp.geometry import FloatArray, Pose
 
@@ -43,6 +43,35 @@ def axes_outline(poses: Poses, length_mm: float) -> Outline:
     starts = np.broadcast_to(poses.translation_mm[:, None], ends.shape)
     lines = np.stack([starts, ends], axis=2).reshape(-1, 2, 3)
     return Outline("axes", tuple(lines), "axes")
+
+
+def target_scene(
+    camera_from_target: Poses,
+    camera: PinholeCamera,
+    seen: Observations,
+    names: tuple[str, ...],
+) -> Scene:
+    """Where cameras stood about a target.
+
+    Args:
+        camera_from_target: of every view.
+        camera: whose field of view is drawn.
+        seen: tells size of pictures and target.
+        names: of the views.
+    """
+    distances = np.linalg.norm(camera_from_target.translation_mm, axis=1)
+    origin = Poses(np.eye(3)[None], np.zeros((1, 3)))
+    return Scene(
+        "target",
+        matrices(camera_from_target.inverse()),
+        names,
+        half_angles(camera, (seen.width_px, seen.height_px)),
+        drawn_reach_mm(distances),
+        (
+            Outline("target", (target_outline(seen),)),
+            axes_outline(origin, axes_length_mm(distances)),
+        ),
+    )
 
 
 def half_angles(camera: PinholeCamera, size_px: tuple[int, int]) -> tuple[float, float]:

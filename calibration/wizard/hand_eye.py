@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from calibration.poses import Poses
+from calibration.wizard.coverage import coverage
 from calibration.wizard.hand_eye_result import (
     KEY,
     SIGMA_PX,
@@ -46,6 +47,7 @@ from mvp.wizard import Covered, Forecast, Outcome, Say, Word
 if TYPE_CHECKING:
     from collections.abc import Generator
 
+    from calibration.wizard.coverage import Coverage
     from calibration.wizard.lookout import Goal
     from calibration.wizard.next_pose import Refused
     from calibration.wizard.next_pose_aim import Aim
@@ -139,6 +141,16 @@ class _Session:
             knowledge = knowledge.after(hand_eye_information(belief, taken))
         return cls(lookout, setting, aim, belief, knowledge)
 
+    @property
+    def covered(self) -> Coverage | None:
+        """Picture, tilts and sizes; None without a view."""
+        store = self.lookout.store
+        samples = store.usable()
+        if not samples:
+            return None
+        tool = Poses.of([sample.pose for sample in samples])
+        return coverage(store.observations(samples), self.aim.seen_from(tool))
+
     def candidates(self, *, tilt_rad: float) -> TargetViews:
         """Views that show the target in focus."""
         facts, lookout = self.lookout.facts, self.lookout
@@ -226,10 +238,12 @@ def _outlook(left: int | None) -> str:
 def _covered(session: _Session) -> Covered:
     count = len(session.lookout.store.usable())
     error = session.knowledge.error_mm
-    return Covered(
-        bars=(("views", min(count / FEWEST_VIEWS, 1.0)),),
-        forecast=Forecast(_WHAT, error if count else None, BAR_MM, "mm"),
-    )
+    views = ("views", min(count / FEWEST_VIEWS, 1.0))
+    forecast = Forecast(_WHAT, error if count else None, BAR_MM, "mm")
+    covered = session.covered
+    if covered is None:
+        return Covered((), (views,), forecast)
+    return Covered(covered.grid, (views, *covered.bars), forecast)
 
 
 def _held_out_views(

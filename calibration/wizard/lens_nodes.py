@@ -10,6 +10,7 @@ import numpy as np
 
 from calibration.bundle import freedom
 from calibration.poses import Poses
+from calibration.wizard.coverage import coverage
 from calibration.wizard.lens_plan import NODE_LIMIT_PX
 from calibration.wizard.lookout import camera_at, focus_at
 from calibration.wizard.next_pose import (
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
 
     from calibration.bundle import Freedom
+    from calibration.wizard.coverage import Coverage
     from calibration.wizard.lens_plan import NodePlan
     from calibration.wizard.lookout import Goal, Lookout
     from calibration.wizard.next_pose import Refused
@@ -84,6 +86,16 @@ class NodeSession:
             more = camera_information(camera, _free(lookout, plan), there, SIGMA_PX)
             knowledge = knowledge.after(more)
         return cls(lookout, plan, aim, knowledge)
+
+    @property
+    def covered(self) -> Coverage | None:
+        """Picture, tilts and sizes of the node's views; None without a view."""
+        store = self.lookout.store
+        mine = samples_of(store.usable(NODE), self.plan.zoom, self.plan.focus)
+        if not mine:
+            return None
+        tool = Poses.of([sample.pose for sample in mine])
+        return coverage(store.observations(mine), self.aim.seen_from(tool))
 
     @property
     def bar_mm(self) -> float:
@@ -176,9 +188,12 @@ def tilted_views(
 
 
 def _covered(session: NodeSession, count: int, done: float) -> Covered:
+    covered = session.covered
+    bars = (("settings", done), ("views", min(count / _FEWEST, 1.0)))
     return Covered(
-        bars=(("settings", done), ("views", min(count / _FEWEST, 1.0))),
-        forecast=Forecast(
+        covered.grid if covered else (),
+        (*bars, *(covered.bars if covered else ())),
+        Forecast(
             f"the error of a point by d at {session.plan.name}",
             session.knowledge.error_mm if count else None,
             session.bar_mm,

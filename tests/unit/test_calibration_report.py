@@ -54,6 +54,7 @@ from calibration.report.plots import (
     Coverage,
     ErrorBudget,
     ResidualField,
+    Scene,
     Slack,
     ViewBars,
 )
@@ -314,6 +315,16 @@ def shown(data, *kinds):
 def test_the_same_numbers_give_the_same_bytes():
     page = shown(camera_page(), Coverage, ViewBars)
     assert render(page) == render(page)
+
+
+def test_the_page_of_a_lens_shows_every_view_with_its_residual_and_its_place():
+    data = lens_page()
+    (bars,) = (plot for plot in data.plots if isinstance(plot, ViewBars))
+    (scene,) = (plot for plot in data.plots if isinstance(plot, Scene))
+    found, seen = camera_case()
+    assert bars.names == scene.names == seen.names
+    assert bars.values == pytest.approx(found.view_rms_px)
+    assert scene.cameras.shape == (len(seen.names), 4, 4)
 
 
 def test_bars_lead_to_pictures_and_pictures_to_their_files():

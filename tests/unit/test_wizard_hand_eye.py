@@ -20,7 +20,7 @@ from calibration.wizard.verification import (
 from mvp.cell.calibrate_result import keep_result
 from mvp.errors import CalibrationError
 from mvp.kinematics import tool_from_camera_at
-from mvp.wizard import Allow, Ask, WizardOptions, Word
+from mvp.wizard import Allow, Ask, Covered, WizardOptions, Word
 from tests.complete_results import missing_of
 from tests.small_cells import REFERENCE_D, ROBOT, Cell
 
@@ -87,6 +87,15 @@ def test_no_view_is_proposed_where_the_bench_forbids_it(hand_eye):
     for joints in cell.bench.moves:
         camera = cell.bench.arm.forward(joints) @ cell.facts.tool_from_camera(d_mm)
         assert camera.translation_mm[2] < 521.0
+
+
+def test_picture_tilts_and_sizes_are_shown_while_views_are_taken(hand_eye):
+    _, _, steps, _ = hand_eye
+    last = [step for step in steps if isinstance(step, Covered)][-1]
+    assert np.sum(last.grid) > 0
+    assert {"views", "picture", "border", "tilt about x", "sizes"} <= dict(
+        last.bars
+    ).keys()
 
 
 def test_what_was_refused_or_taken_back_is_no_sample(hand_eye):

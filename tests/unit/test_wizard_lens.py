@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from calibration.wizard.lens import LensWizard
@@ -13,7 +14,7 @@ from calibration.wizard.lookout import Lookout
 from calibration.wizard.session_store import SessionStore
 from mvp.errors import CalibrationError
 from mvp.optics import principal_distance_mm
-from mvp.wizard import Allow, Ask, Say, WizardOptions, Word
+from mvp.wizard import Allow, Ask, Covered, Say, WizardOptions, Word
 from tests.small_cells import Cell
 
 
@@ -104,6 +105,9 @@ def test_undo_is_heard_in_every_phase_of_the_lens(tmp_path):
             f"{first.removeprefix('to ').replace('view 1 at ', '')} view 1 is taken back",
         ]
         assert [sample.number for sample in store.samples] == [2]
+        first_seen = [step for step in shown if isinstance(step, Covered)][1]
+        assert np.sum(first_seen.grid) > 0
+        assert "tilt about y" in dict(first_seen.bars)
         lookout = Lookout(cell.bench, store)
         word, shown = drained(iris_views(lookout, plan_of(store), 2), Word.UNDO)
         assert word is Word.UNDO
