@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 _ARM_SPARE_S = 15.0
 _LENS_TIMEOUT_S = 120.0
-_CAPTURE_SPARE_S = 10.0
+_CAPTURE_SPARE_S = 30.0  # a camera that is simulated draws for seconds
 _FIRST_GUESS_S = 0.01
 _METERING_FRAMES = 8
 _BRIGHT_PERCENTILE = 99.5
