@@ -45,9 +45,10 @@ class HomingCycle:
     _missing: set[int] = field(default_factory=set)
 
     def start(self) -> None:
-        """Begin with the first group."""
+        """Begin with the first group; without any there is nothing to find."""
         self.axes.freeze()
-        self._approach()
+        if self.groups:
+            self._approach()
 
     def tick(self, now_s: float) -> Homing:
         """Go on; says how it stands."""

@@ -76,6 +76,13 @@ def test_homing_says_that_it_is_at_it_and_ends_at_zero(board: Bench) -> None:
     assert place.startswith(b"X:5.00 Y:5.00 Z:5.00 E:0.00 A:0.00 B:0.00 Count X:400 ")
 
 
+def test_an_axis_without_a_switch_is_homed_where_it_stands(board: Bench) -> None:
+    before = board.machine.axes.truth
+    assert board.say(b"G28 A B\n") + board.wait(0.1) == b"ok\n"
+    assert (board.machine.axes.truth == before).all()
+    assert board.say(b"M114\n").endswith(b"ok\n")
+
+
 def test_the_position_is_the_planned_one(board: Bench) -> None:
     assert board.say(b"G1 X100 F3000\n") == b"ok\n"
     said = board.say(b"M114\n")
