@@ -54,12 +54,12 @@ _LEAST_FILL = 0.4
 _TABLED = ("one-pupil-offset", "parfocal")
 
 _WRONG = {
-    "constant-over-focus": "look for breathing: calibrate a narrower focus range, "
-    "or check the stated uncertainties",
-    "one-pupil-offset": "measure two focus settings or more at every zoom; or calibrate "
-    "the zoom that is used alone: [lens_calibration] zooms and f_mm of the cell file",
-    "parfocal": "measure two focus settings or more at every zoom; or calibrate the zoom "
-    "that is used alone: [lens_calibration] zooms and f_mm of the cell file",
+    "constant-over-focus": "check the stated uncertainties; a lens that breathes (f changes "
+    "with the focus) is known no better than is stated here",
+    "one-pupil-offset": "measure more focus settings at every zoom, or calibrate only "
+    "the zoom that is used: [lens_calibration] focuses, zooms, f_mm of the cell file",
+    "parfocal": "measure more focus settings at every zoom, or calibrate only the zoom "
+    "that is used: [lens_calibration] focuses, zooms, f_mm of the cell file",
     "one-table": "calibrate a narrower zoom range, or the zoom that is used alone: "
     "[lens_calibration] zooms and f_mm of the cell file",
     "pupil-follows": "do not shift a hand-eye result by d; calibrate it at each setting",
@@ -127,7 +127,9 @@ def _curves(tables: LensTables) -> Iterator[Cause]:
             yield from limit.check(curve.left_out_sigmas)
     if tables.round_trip_steps > 1:
         message = f"steps come back {tables.round_trip_steps} steps off"
-        yield Cause("round-trip", "no-go", message, "measure the table at fewer steps")
+        yield Cause(
+            "round-trip", "no-go", message, f"measure fewer settings{_MORE_STEPS}"
+        )
 
 
 def _changes(tables: LensTables) -> Iterator[Cause]:

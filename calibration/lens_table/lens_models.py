@@ -1,7 +1,7 @@
 """Models of a lens on its motors, and which of them the nodes ask for.
 
 x = d - f follows the focus; the zoom may add a shift to it, and have a pupil offset of its
-own. The simplest model is taken that the widest of them does not improve beyond chance.
+own. The simplest model is taken that no wider one improves beyond chance.
 """
 
 from __future__ import annotations
@@ -130,13 +130,12 @@ def fitted(problem: OpticsProblem) -> Fit[FloatArray] | None:
 def needed_freedom(
     seen: NodeSet, prior: Prior
 ) -> tuple[ZoomFreedom, Fit[FloatArray] | None]:
-    """The simplest model that the widest does not improve beyond chance, and its fit."""
+    """The simplest model that no wider one improves beyond chance, and its fit."""
     tried = {f: fitted(per_node(seen, prior, f).problem) for f in _able(seen)}
     fits = {f: found for f, found in tried.items() if found is not None}
     if NOTHING not in fits:
         return NOTHING, None
-    widest = fits[list(fits)[-1]]
-    kept = [f for f, found in fits.items() if not _worse(found, widest)]
+    kept = [f for f in fits if not any(_worse(fits[f], g) for g in fits.values())]
     chosen = min(kept, key=lambda f: (f.own_e + f.shifted, fits[f].estimate.chi_square))
     return chosen, fits[chosen]
 
