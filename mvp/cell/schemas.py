@@ -29,6 +29,7 @@ from mvp.cell.recover_job import RecoverDocument
 from mvp.cell.run_document import RunDocument
 from mvp.cell.simulation import Simulation
 from mvp.cell.task_config import TaskConfig
+from mvp.cell.truth_compared import TruthDocument
 from mvp.planning.plan import Plan
 from mvp.wizard import Sample, SessionFile
 
@@ -57,6 +58,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "report": ReportDocument,
     "init": InitDocument,
     "calibrate": CalibrateDocument,
+    "truth": TruthDocument,
     "calibration-session": SessionFile,
     "calibration-sample": Sample,
 }

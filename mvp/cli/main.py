@@ -30,6 +30,7 @@ _COMMANDS = (
     "recover",
     "jog",
     "calibrate",
+    "truth",
     "simulate",
     "drivers",
     "devices",

@@ -45,9 +45,7 @@ def test_help_imports_no_heavy_library() -> None:
 def test_every_command_of_the_contract_has_help(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    for name in (
-        "run plan features check home recover drivers devices init runs report".split()
-    ):
+    for name in "run plan features check home recover truth drivers devices init runs report".split():
         assert invoke([name, "--help"]) == 0
         told = capsys.readouterr().out
         assert "Usage: mvp-cell" in told
@@ -230,6 +228,33 @@ def test_check_compares_every_serial_a_calibration_names(
         assert f"{name}.json" in failed["detail"]
         assert f"of {name}, but" in failed["detail"]
         assert serial in failed["detail"]
+
+
+def test_true_errors_of_a_simulated_cell_are_shown_beside_their_intervals(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert invoke(["truth", "virtual_uncalibrated", "--json"]) == 0
+    told = capsys.readouterr()
+    document = json.loads(told.out)
+    assert document["schema"] == "mvp-cell/truth/1"
+    assert {one["file"] for one in document["values"]} == {
+        "camera",
+        "lens_table",
+        "hand_eye",
+        "part_pose",
+    }
+    stated = [one for one in document["values"] if one["stated"] is not None]
+    inside = [one for one in stated if abs(one["error"]) <= one["stated"]]
+    assert (document["stated"], document["inside"]) == (len(stated), len(inside))
+    assert f"{len(inside)} of {len(stated)} lie inside of what is stated" in told.err
+
+
+def test_nobody_knows_the_truth_of_a_real_cell(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    template = bundled_root() / "templates" / "ur_theia_genicam"
+    assert invoke(["truth", str(template), "--json"]) == 2
+    assert "nobody knows what is true" in json.loads(capsys.readouterr().out)["message"]
 
 
 def test_home_moves_lens_and_arm(capsys: pytest.CaptureFixture[str]) -> None:
