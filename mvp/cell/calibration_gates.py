@@ -223,18 +223,24 @@ def _d_ranges(
 
 
 def of_serials(found: Calibrations, serials: Mapping[str, str]) -> Iterator[Objection]:
-    """Made with other devices than those that answered.
+    """Made with other devices than those that answered, or nobody can tell.
+
+    Nominal values were made with no device.
 
     Args:
         found: the calibrations.
-        serials: what answered, by role; an empty serial number says nothing.
+        serials: what answered, by role; empty where a device does not say.
     """
     for name in NAMES:
         provenance = getattr(found, name).provenance
         own = {_MADE_WITH[name]: provenance.device_serial}
         for role, expected in (own | provenance.serial_numbers).items():
-            serial = serials.get(role, "")
-            if expected and serial and serial != expected:
+            if role not in serials:
+                continue
+            serial = serials[role]
+            if not (expected and serial) and provenance.origin == "measured":
+                yield _untold(found, name, role, expected)
+            elif expected and serial and serial != expected:
                 yield Objection(
                     name,
                     found.files[name],
@@ -243,6 +249,24 @@ def of_serials(found: Calibrations, serials: Mapping[str, str]) -> Iterator[Obje
                     "connect that device, or name the calibration of this one in "
                     "[calibration] of the cell file",
                 )
+
+
+def _untold(found: Calibrations, name: str, role: str, expected: str) -> Objection:
+    """Neither good nor bad: one of the two does not say which device it is."""
+    path = found.files[name]
+    made = f"was made with {role} {expected}" if expected else f"names no {role}"
+    here = (
+        f"the {role} that is connected does not say its serial number"
+        if expected
+        else f"nobody can tell whether it was made with the {role} that is connected"
+    )
+    return Objection(
+        name,
+        path,
+        f"{path}: this {name} calibration {made}; {here}",
+        f"make sure that it is the same device; {measure_again(name)}",
+        refused=False,
+    )
 
 
 def of_approach(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mvp.cell.calibrated_devices import accepted_on_devices, require_size
-from mvp.cell.calibration_gates import of_views
+from mvp.cell.calibration_gates import of_serials, of_views
 from mvp.cell.hardware import build_devices, opened
 from mvp.cell.loading import load_cell
 from mvp.cell.places import bundled_names, bundled_root
@@ -158,6 +158,27 @@ def test_every_device_that_took_part_must_be_there(
         on_devices(folder)
     accepted = on_devices(folder, accept="same make")
     assert accepted == {"hand_eye": "same make"}
+
+
+@pytest.mark.parametrize(
+    ("made_with", "connected", "said"),
+    [
+        ("", "V-CAM-1", "names no camera; nobody can tell"),
+        ("V-CAM-1", "", "was made with camera V-CAM-1; the camera that is connected"),
+        ("", "", "names no camera"),
+    ],
+)
+def test_a_serial_number_that_nobody_tells_is_a_warning(
+    folder: Path, made_with: str, connected: str, said: str
+) -> None:
+    changed(folder, "camera", lambda c: c["provenance"].update(device_serial=made_with))
+    found = load_cell(str(folder)).calibrations
+    (warning,) = of_serials(found, {"camera": connected, "lens": "V-LENS-1"})
+    assert said in warning.text
+    assert not warning.refused
+    changed(folder, "camera", lambda c: c["provenance"].update(origin="nominal"))
+    found = load_cell(str(folder)).calibrations
+    assert not list(of_serials(found, {"camera": connected, "lens": "V-LENS-1"}))
 
 
 def test_a_table_from_the_other_side_is_refused(folder: Path) -> None:
