@@ -25,6 +25,7 @@ from calibration.lens_table import (
 )
 from calibration.lens_table.edge_blur import EdgeBlurs
 from calibration.lens_table.sharpness import blur_shots
+from calibration.lens_table.zoom_curves import WORDS
 from calibration.wizard.before import half_field_mm, kept, line_of
 from calibration.wizard.compare_lens import compare_lens_tables
 from calibration.wizard.lens_motors import IRIS, hysteresis_of, plan_sides
@@ -132,7 +133,8 @@ def _pupil(
         x = float(
             np.interp(sample.lens_steps["focus"], focus.table_steps, focus.table_mm)
         )
-        f_cal = float(principal_distance_mm(f + x, f, fit.e_mm))
+        x += float(fit.shift_mm[zoom])
+        f_cal = float(principal_distance_mm(f + x, f, fit.e_of_zoom_mm[zoom]))
         camera = _like(nodes, sample, f_cal / facts.sensor.pitch_x_mm)
         pose = poses_with(camera, store.observations([sample]))
         one = blur_of(store, sample, camera, (pose.rotation[0], pose.translation_mm[0]))
@@ -315,10 +317,25 @@ def _lines(tables: LensTables, held: Verification) -> tuple[str, ...]:
     return (
         f"d is known to {1000 * float(fit.d_sigma_mm.max()):.1f} um ({share:.3f} %), f to "
         f"{1000 * float(fit.f_sigma_mm.max()):.1f} um (one sigma)",
-        f"the pupil lies {fit.e_mm:.2f} +- {fit.e_sigma_mm:.2f} mm before the nodal point",
+        f"the pupil lies {_e_words(fit)} mm before the nodal point",
+        *_changed(tables),
         *words,
         held.words,
     )
+
+
+def _e_words(fit: LensFit) -> str:
+    """One value, or from which to which over the zoom."""
+    if not fit.freedom.own_e:
+        return f"{fit.e_mm:.2f} +- {fit.e_sigma_mm:.2f}"
+    low, high = fit.e_of_zoom_mm.min(), fit.e_of_zoom_mm.max()
+    return f"{low:.2f} to {high:.2f} (+- {fit.e_sigma_mm:.2f} or better)"
+
+
+def _changed(tables: LensTables) -> tuple[str, ...]:
+    """What the zoom changes beside f."""
+    names = [WORDS[name] for name in tables.by_zoom.curves]
+    return (f"the zoom also changes {', '.join(names)}",) if names else ()
 
 
 def _nothing(tables: LensTables, nodes: Sequence[NodeResult]) -> Outcome:
