@@ -29,12 +29,13 @@ class Kept:
 
     temperature_c: float | None = 20.0
     kept: dict[str, Any] = field(default_factory=dict)
+    target: Any = None
 
     @property
     def facts(self) -> Any:
         return SimpleNamespace(
             temperature_c=self.temperature_c,
-            target=SimpleNamespace(kind="charuco"),
+            target=self.target,
             robot=SimpleNamespace(position_mm=0.1),
         )
 
@@ -112,7 +113,7 @@ def test_a_terminal_counts_down_but_nothing_simulated_warms_up(simulated: bool) 
     ],
 )
 def test_a_touched_place_is_three_numbers_in_mm(typed: list[Answer], kept: Any) -> None:
-    store = Kept()
+    store = Kept(target=SimpleNamespace(kind="charuco"))
     steps = played(touched(store), *typed)
     assert store.kept[TOUCHED] == kept
     warnings = [step for step in steps if isinstance(step, Say)]
