@@ -109,7 +109,7 @@ def _kept_apart(
     """One more view, which takes no part in the result, and tests it."""
     yield Say("a held-out view: it takes no part in the result, and tests it")
     while not store.usable(VERIFICATION):
-        view = _next(views, store, unwanted)
+        view = _next(views, store, unwanted) or _again(views, store, unwanted)
         if view is None:
             yield Say("no view is left to be kept apart", "warning")
             return
@@ -129,6 +129,15 @@ def _next(
     """The first view that nobody refused and that has no picture."""
     taken = {sample.name for sample in store.samples}
     left = (v for v in views if v.name not in taken and v.name not in unwanted)
+    return next(left, None)
+
+
+def _again(
+    views: list[SightView], store: SessionStore, unwanted: set[str]
+) -> SightView | None:
+    """A view whose picture was of no use while nobody knew where the part lies."""
+    spent = {s.name for s in store.samples if s.usable or s.role == VERIFICATION}
+    left = (v for v in views if v.name not in spent and v.name not in unwanted)
     return next(left, None)
 
 

@@ -88,10 +88,15 @@ class DrawnSights:
     Attributes:
         flat: only the outline of the upper face is measured.
         wrong_px: the first edge is taken for a line so far beside it.
+        sides: how many views there are.
+        astray: so many first pictures show next to nothing of the part.
     """
 
-    def __init__(self, bench, *, flat=False, wrong_px=0.0, planned=PLANNED):
+    def __init__(
+        self, bench, *, flat=False, wrong_px=0.0, planned=PLANNED, sides=99, astray=0
+    ):
         self.bench, self.flat, self.wrong_px = bench, flat, wrong_px
+        self.sides, self.astray = sides, astray
         self.planned = planned
         self.edges = cad_edges(
             box_mesh(Box(np.array([-30.0, -20, 0]), np.array([30.0, 20, 30])), name="b")
@@ -107,7 +112,7 @@ class DrawnSights:
                 STEPS,
                 **(self.planned if i == 0 else {}),
             )
-            for i, side in enumerate(SIDES)
+            for i, side in enumerate(SIDES[: self.sides])
         ]
 
     def exposure_factor(self, shot, camera_from_part):
@@ -123,6 +128,9 @@ class DrawnSights:
         )
         if self.flat:
             shown &= (edges.start_mm[:, 2] > 29) & (edges.end_mm[:, 2] > 29)
+        if self.astray:
+            self.astray -= 1
+            shown &= np.cumsum(shown) <= 1
         ends = np.stack([edges.start_mm[shown], edges.end_mm[shown]], axis=1)
         share = np.array([0.2, 0.8])[:, None]
         places = (ends[:, :1] * (1 - share) + ends[:, 1:] * share).reshape(-1, 3)
@@ -313,6 +321,18 @@ def test_a_session_without_its_held_out_view_is_not_a_go(tmp_path):
     answers = [True, True, True, Word.FINISH]
     outcome, _, _ = carried_out(DrawnBench(10), tmp_path / "session", answers)
     assert "not-verified" in {cause.code for cause in outcome.quality.causes}
+
+
+def test_a_view_in_vain_is_tried_again_to_test_the_place_when_no_other_is_left(
+    tmp_path,
+):
+    bench = DrawnBench(12, sides=4, astray=1)
+    outcome, _, store = carried_out(bench, tmp_path / "session")
+    tried = [(one.name, one.role, one.usable) for one in store.samples]
+    assert tried[0] == ("v1", "calibration", False)
+    assert tried[-1] == ("v1", "verification", True)
+    assert len(tried) == 5
+    assert "not-verified" not in {cause.code for cause in outcome.quality.causes}
 
 
 def test_a_part_that_is_found_for_a_run_is_tested_by_the_run(tmp_path):
