@@ -100,6 +100,7 @@ def test_closed_forms_agree_with_opencv():
 
 
 @pytest.mark.full
+@pytest.mark.timeout(3600)
 def test_closed_forms_reach_the_known_accuracy():
     errors, apart = _trials(30)
     rms = np.sqrt((errors**2).mean(axis=0))
