@@ -255,7 +255,10 @@ class FoundShape:
         size, length = np.abs(self.shape.values), float(self.shape.sides_mm.max())
         percent = 100 * size / ([length] * 3 + [1.0] * 2)
         causes: list[Cause] = []
-        for limit, names in ((FLAT, SHAPE_NAMES[:3]), (SQUARE, SHAPE_NAMES[3:])):
+        for limit, names, part in (
+            (FLAT, SHAPE_NAMES[:3], " of its length"),
+            (SQUARE, SHAPE_NAMES[3:], ""),
+        ):
             mine = [name for name in names if name in self.found]
             share = max(
                 (percent[SHAPE_NAMES.index(name)] for name in mine), default=0.0
@@ -263,7 +266,7 @@ class FoundShape:
             words = f"{limit.what}: {', '.join(self._said(mine))}"
             for cause in limit.check(float(share)):
                 most = limit.marginal if cause.grade == "marginal" else limit.no_go
-                words += f"; that is {share:.2g} % of its length, above {most:.2g} %"
+                words += f"; that is {share:.2g} %{part}, above {most:.2g} %"
                 causes.append(replace(cause, message=words))
         return tuple(causes)
 
