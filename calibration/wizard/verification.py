@@ -106,9 +106,9 @@ class Verification:
         """One line for a person."""
         if not self.views:
             return f"{self.what}: not tried on held-out views"
-        unit = self.views[0].unit
+        unit, count = self.views[0].unit, len(self.views)
         return (
-            f"{len(self.views)} held-out views: {self.what} off by {self.error:.3g} "
+            f"{count} held-out view{'s' * (count > 1)}: {self.what} off by {self.error:.3g} "
             f"{unit} (root mean square), {self.ratio:.1f} times what was to be expected"
         )
 
