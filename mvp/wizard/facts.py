@@ -9,6 +9,7 @@ from pydantic import Field
 
 from mvp.calibrated import (
     CameraCalibration,
+    LensGrid,
     LensTableCalibration,
     MeasuredTarget,
     RigidCalibration,
@@ -111,6 +112,7 @@ class SessionFacts(FileModel):
     temperature_c: float | None = None
     temperature_source: TemperatureSource | None = None
     accepted_calibration: str = ""
+    lens_grid: LensGrid = LensGrid()
 
     @property
     def sensor(self) -> Sensor:
