@@ -56,7 +56,7 @@ _TRIES = 12  # of one batch, with a fault in each
 _SHRINK = 4  # of the picture, each way
 _WARM_UP = 0.3  # share of the batches before growth counts
 _GROWTH_MB = 40.0
-_TASK = """
+SOAK_TASK = """
 schema_version = 1
 name = "soak"
 [part]
@@ -149,11 +149,11 @@ class FarEnds:
     def pid(self) -> int:
         return self._process.pid
 
-    def tell(self, role: str, line: dict[str, object]) -> None:
-        """One line to the fault channel of a device."""
+    def tell(self, role: str, line: dict[str, object]) -> dict[str, object]:
+        """One line to the fault channel of a device; its answer."""
         keys = {key: value for key, value in line.items() if key != "do"}
         with ControlClient(self._ports[role], timeout_s=20) as faults:
-            faults.do(str(line["do"]), **keys)
+            return faults.do(str(line["do"]), **keys)
 
     def end(self) -> None:
         """Tell it to end, and wait."""
@@ -227,7 +227,7 @@ def cell_in(folder: Path) -> Path:
             raise SystemExit(f"cell.toml has no {old!r} any more")
         text = text.replace(old, new)
     (cell / "cell.toml").write_text(text, encoding="utf-8")
-    (cell / "tasks" / "soak.toml").write_text(_TASK, encoding="utf-8")
+    (cell / "tasks" / "soak.toml").write_text(SOAK_TASK, encoding="utf-8")
     place = cell / "calibration" / "camera.json"
     camera = json.loads(place.read_text(encoding="utf-8"))
     for key in ("width_px", "height_px"):
