@@ -6,7 +6,7 @@ from mvp.cli.options import CellArgument, JsonOption
 
 
 def truth(cell: CellArgument, as_json: JsonOption = False) -> int:
-    """Compare a simulated cell's calibrations with what is true in its world."""
+    """Compare a simulated cell's calibrations with the truth."""
     from mvp.cell.check_job import load_unjudged
     from mvp.cell.truth_compared import told, truth_document
     from mvp.cli.output import console, print_model
