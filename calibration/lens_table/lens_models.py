@@ -1,7 +1,7 @@
 """Models of a lens on its motors, and which of them the nodes ask for.
 
-x = d - f follows the focus; the zoom may add a shift to it, and have a pupil offset of its
-own. The simplest model is taken that no wider one improves beyond chance.
+x = d - f follows the focus; the zoom may add a shift to it, and change the pupil offset.
+The simplest model is taken that no wider one improves beyond chance.
 """
 
 from __future__ import annotations
@@ -23,34 +23,39 @@ from calibration.lens_table.optics_model import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
     from calibration.lens_table.nodes import NodeSet
     from mvp.geometry import FloatArray
 
     Prior = tuple[float, float] | None
 
 IMPROBABLE = 1e-3
+_UNLIKELY = 0.05
+_LOW_DEGREES = (0, 1, 2)
 _HIGHEST_DEGREE = 4
 _LEAST_SETTINGS = 2
 
 
 @dataclass(frozen=True)
 class ZoomFreedom:
-    """What the zoom changes beside f.
+    """What the zoom changes beside f: degrees of polynomials over its steps.
+
+    0 is no change; one less than there are zooms leaves every zoom to itself.
 
     Attributes:
-        own_e: every zoom has its pupil offset.
-        shifted: every zoom adds a shift to x.
+        own_e: of the pupil offset.
+        shifted: of the shift that is added to x.
     """
 
-    own_e: bool = False
-    shifted: bool = False
+    own_e: int = 0
+    shifted: int = 0
 
     def __bool__(self) -> bool:
-        return self.own_e or self.shifted
+        return self.own_e + self.shifted > 0
 
 
 NOTHING = ZoomFreedom()
-_EVERY = (NOTHING, ZoomFreedom(True), ZoomFreedom(False, True), ZoomFreedom(True, True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,46 +135,88 @@ def fitted(problem: OpticsProblem) -> Fit[FloatArray] | None:
 def needed_freedom(
     seen: NodeSet, prior: Prior
 ) -> tuple[ZoomFreedom, Fit[FloatArray] | None]:
-    """The simplest model that no wider one improves beyond chance, and its fit."""
-    tried = {f: fitted(per_node(seen, prior, f).problem) for f in _able(seen)}
-    fits = {f: found for f, found in tried.items() if found is not None}
+    """The simplest model that no wider one improves beyond chance, and its fit.
+
+    First whether the zoom changes e, x or both; then by how low a degree. A node at the
+    end of the zoom alone hardly tells e and x apart: a low degree does where it fits.
+    """
+    full = len(seen.zoom_steps) - 1
+    slope = min(full, 1)
+    corners = [(0, 0), (full, 0), (0, full), (slope, slope), (full, full)]
+    fits = _fits(seen, prior, dict.fromkeys(ZoomFreedom(*c) for c in corners))
     if NOTHING not in fits:
         return NOTHING, None
     kept = [f for f in fits if not any(_worse(fits[f], g) for g in fits.values())]
-    chosen = min(kept, key=lambda f: (f.own_e + f.shifted, fits[f].estimate.chi_square))
+    chosen = _simplest(kept, fits)
+    if not chosen or prior is not None:
+        return chosen, fits[chosen]
+    low = [
+        ZoomFreedom(e, x)
+        for e in _LOW_DEGREES
+        for x in _LOW_DEGREES
+        if e <= chosen.own_e and x <= chosen.shifted and (e or x)
+    ]
+    fits |= _fits(seen, prior, dict.fromkeys(low))
+    good = [f for f in low if f in fits]
+    good = [f for f in good if not _worse(fits[f], fits[chosen], _UNLIKELY)]
+    chosen = _simplest([*good, chosen], fits)
     return chosen, fits[chosen]
 
 
-def _worse(narrow: Fit[FloatArray], wide: Fit[FloatArray]) -> bool:
+def _fits(
+    seen: NodeSet, prior: Prior, wanted: Iterable[ZoomFreedom]
+) -> dict[ZoomFreedom, Fit[FloatArray]]:
+    """Of those that the nodes can determine."""
+    tried = {
+        f: fitted(per_node(seen, prior, f).problem) for f in wanted if _able(seen, f)
+    }
+    return {f: found for f, found in tried.items() if found is not None}
+
+
+def _simplest(
+    kept: Sequence[ZoomFreedom], fits: Mapping[ZoomFreedom, Fit[FloatArray]]
+) -> ZoomFreedom:
+    return min(kept, key=lambda f: (f.own_e + f.shifted, fits[f].estimate.chi_square))
+
+
+def _worse(
+    narrow: Fit[FloatArray], wide: Fit[FloatArray], least: float = IMPROBABLE
+) -> bool:
     """Beyond chance, with the noise that the wider one leaves."""
     own, other = narrow.estimate, wide.estimate
     freedom = own.degrees_of_freedom - other.degrees_of_freedom
     if freedom <= 0:
         return False
     gain = (own.chi_square - other.chi_square) / max(other.variance_factor, 1.0)
-    return float(chi2.sf(max(gain, 0.0), freedom)) < IMPROBABLE
+    return float(chi2.sf(max(gain, 0.0), freedom)) < least
 
 
-def _able(seen: NodeSet) -> list[ZoomFreedom]:
-    """Those that the nodes can determine; the widest last."""
-    if len(seen.zoom_steps) == 1:
-        return [NOTHING]
+def _able(seen: NodeSet, freedom: ZoomFreedom) -> bool:
+    """Whether the nodes can determine it."""
+    full = len(seen.zoom_steps) - 1
     sharp = seen.zoom_of[seen.measured("sharp_mm")[0]]
-    settings = np.bincount(sharp, minlength=len(seen.zoom_steps)).min()
-    basis = np.hstack([same_for(seen.focus_of), _zooms(seen)[seen.zoom_of]])
-    linked = np.linalg.matrix_rank(basis) == basis.shape[1]
-    return [
-        f
-        for f in _EVERY
-        if (linked or not f.shifted)
-        and (settings >= _LEAST_SETTINGS or not (f.own_e and f.shifted))
-    ]
+    settings = np.bincount(sharp, minlength=full + 1).min()
+    if freedom.own_e + freedom.shifted == 2 * full > 0 and settings < _LEAST_SETTINGS:
+        return False
+    shifts = _shifts(seen, freedom.shifted)[seen.zoom_of]
+    basis = np.hstack([same_for(seen.focus_of), shifts])
+    return bool(np.linalg.matrix_rank(basis) == basis.shape[1])
 
 
-def _zooms(seen: NodeSet) -> FloatArray:
-    """(z, z - 1): the shift of every zoom from the middle one's, which has none."""
-    zooms = np.eye(len(seen.zoom_steps))
-    return np.asarray(np.delete(zooms, len(zooms) // 2, axis=1))
+def _shifts(seen: NodeSet, degree: int) -> FloatArray:
+    """(z, degree): the shift of every zoom from the middle one's, which has none."""
+    count = len(seen.zoom_steps)
+    if degree == count - 1:
+        return np.asarray(np.delete(np.eye(count), count // 2, axis=1))
+    powers = polynomial(seen.zoom_steps, degree)[:, 1:]
+    return np.asarray(powers - powers[count // 2])
+
+
+def _offsets(seen: NodeSet, degree: int) -> FloatArray:
+    """(z, degree + 1): the pupil offset of every zoom."""
+    if degree == len(seen.zoom_steps) - 1:
+        return np.eye(degree + 1)
+    return polynomial(seen.zoom_steps, degree)
 
 
 def _model(
@@ -181,8 +228,7 @@ def _model(
     follows: bool,
 ) -> LensModel:
     zooms = len(seen.zoom_steps)
-    shifts = _zooms(seen) if freedom.shifted else np.zeros((zooms, 0))
-    e = np.eye(zooms) if freedom.own_e else np.ones((zooms, 1))
+    shifts, e = _shifts(seen, freedom.shifted), _offsets(seen, freedom.own_e)
     x = np.hstack([along[seen.focus_of], shifts[seen.zoom_of]])
     problem = OpticsProblem(
         seen, Bases(x, e[seen.zoom_of], *rest), prior, pupil_follows=follows

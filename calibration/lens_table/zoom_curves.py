@@ -6,7 +6,7 @@ point and k1 (OpenCV's) from the cameras of all nodes at a zoom together.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,15 +72,23 @@ def curves_by_zoom(fit: LensFit) -> ByZoom:
     if len(seen.zoom_steps) < 2:
         return ByZoom({})
     found: dict[str, AxisCurve] = {}
-    if fit.freedom.own_e:
-        e = fit.e_of_zoom_mm, fit.e_of_zoom_sigma_mm
-        found["pupil_offset_mm"] = _drawn(seen, *e)
-    if fit.freedom.shifted:
-        found["focus_shift_mm"] = _drawn(seen, fit.shift_mm, fit.shift_sigma_mm)
+    shift = fit.shift_mm, fit.shift_sigma_mm
+    for name, degree, told in (
+        (
+            "pupil_offset_mm",
+            fit.freedom.own_e,
+            (fit.e_of_zoom_mm, fit.e_of_zoom_sigma_mm),
+        ),
+        ("focus_shift_mm", fit.freedom.shifted, shift),
+    ):
+        if degree:
+            curve = _drawn(seen, *told)
+            own = degree == len(seen.zoom_steps) - 1
+            found[name] = curve if own else _fitted_as_a_whole(curve)
     for names in (_PAIR, ("k1",)):
-        told = {name: _of_cameras(seen, name) for name in names}
-        if any(_differs(values, sigma) for values, sigma in told.values()):
-            found |= {name: _drawn(seen, *pair) for name, pair in told.items()}
+        means = {name: _of_cameras(seen, name) for name in names}
+        if any(_differs(values, sigma) for values, sigma in means.values()):
+            found |= {name: _drawn(seen, *pair) for name, pair in means.items()}
     return ByZoom(found)
 
 
@@ -88,6 +96,11 @@ def _drawn(seen: NodeSet, values: FloatArray, sigma: FloatArray) -> AxisCurve:
     # The shift of one zoom is zero by definition, but not better known than others.
     floor = np.where(sigma > 0, sigma, np.median(sigma[sigma > 0]))
     return free_curve(AxisNodes(seen.zoom_steps, values, floor))
+
+
+def _fitted_as_a_whole(curve: AxisCurve) -> AxisCurve:
+    """No zoom was fitted for itself, so leaving one out of the curve tells nothing."""
+    return replace(curve, left_out_mm=np.zeros(0), left_out_sigmas=0.0)
 
 
 def _of_cameras(seen: NodeSet, name: str) -> tuple[FloatArray, FloatArray]:

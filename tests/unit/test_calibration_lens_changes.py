@@ -202,3 +202,30 @@ def test_a_pupil_that_the_zoom_moves_takes_the_hand_eye_along():
     shift = other.translation_mm[2] - same.translation_mm[2]
     assert shift == pytest.approx(at[1].d_mm - at[0].d_mm + 1.5, abs=1e-6)
     assert mounted.intrinsics_at(20.0) == own
+
+
+def test_a_zoom_with_two_settings_close_together_leans_on_the_others():
+    """As an arm in a cell can see them: no zoom has all focuses, the long one has two."""
+    pairs = [(0, 0, 1, 2), (750, 0, 1, 2), (1500, 1, 2, 3), (2250, 2, 3, 4)]
+    pairs.append((3000, 3, 4))
+    linear = {
+        **STEADY,
+        "e_of": lambda f: 2.0 + 1.5 * np.log(f / 8),
+        "shift_of": lambda f: 0.07 * np.log(f / 8),
+    }
+    rng = np.random.default_rng(4)
+    nodes = [
+        node(linear, zoom, FOCUSES[k], rng) for zoom, *which in pairs for k in which
+    ]
+    iris = {s: Measured(0.4 * 10 ** (s / 600), 0.002) for s in IRISES}
+    tables = build_tables(LensMeasurements(nodes, iris, 0.0135))
+    fit = tables.fit
+    assert fit.freedom.own_e <= 2
+    assert fit.freedom.shifted <= 2
+    assert fit.freedom
+    truth = np.array([d_of(linear, n.zoom, n.focus) for n in fit.seen.nodes])
+    assert (np.abs(fit.d_mm - truth) < 3 * fit.d_sigma_mm).all()
+    assert (fit.d_sigma_mm < 0.002 * truth).all()
+    e_off = fit.e_of_zoom_mm - linear["e_of"](focal(fit.seen.zoom_steps))
+    assert (np.abs(e_off) < 3 * fit.e_of_zoom_sigma_mm).all()
+    assert "no-go" not in judge_lens(tables).grade
