@@ -65,16 +65,13 @@ def changed(table, **factors):
 class Cell:
     """A virtual cell that is not quite what its facts say."""
 
-    def __init__(
-        self, key, *, e_mm=2.0, f_share=1.0, x_share=1.0, by_zoom=None, forbids=None
-    ):
+    def __init__(self, key, *, e_mm=2.0, f_share=1.0, x_share=1.0, forbids=None):
         base = example_belief(width_px=WIDTH, height_px=HEIGHT, e_mm=e_mm)
         self.hand = Pose.from_rotvec(
             "tool", "camera", np.radians([0.5, -0.4, 25.0]), [2.0, -2.0, 105.0]
         )
         table = base.lens_table
         truth = changed(table, zoom_f_mm=f_share, focus_extension_mm=x_share)
-        truth = truth.model_copy(update={"by_zoom": by_zoom})
         belief = replace(
             base,
             lens_table=truth,
