@@ -32,6 +32,7 @@ from mvp.testing.paraxial_lens import ParaxialLens
 from tools.bench_calibration_poses import bench_charuco, bench_hand_eye, bench_part
 from tools.bench_calibration_real import bench_boards, bench_willson
 from tools.bench_calibration_rows import Clock, Row, rms, shown, table
+from tools.bench_calibration_target import bench_bent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -296,6 +297,7 @@ BENCHES: dict[str, Callable[[int, np.random.Generator], Iterator[Row]]] = {
     "charuco": bench_charuco,
     "willson": bench_willson,
     "boards": bench_boards,
+    "target": bench_bent,
 }
 
 
