@@ -162,22 +162,7 @@ def calibrate_camera(
     sigma = float(np.max(found.problem.sigma_px))
     view_rms = np.sqrt(np.bincount(seen.view, squares) / np.bincount(seen.view))
     shape = FoundShape.of(found.shape, found.estimate) if found.shape else None
-    above = noise_causes(
-        found.estimate,
-        options.sigma_px,
-        found_px=sigma,
-        most_px=options.largest_noise_px,
-    )
-    verdict = judge_camera(
-        seen,
-        found.state,
-        found.estimate,
-        view_rms_px=view_rms,
-        apart_rms_px=_told_apart(seen, options, found, view_rms, above),
-        out_of_sample_px=tested,
-        faces_camera=options.target_faces_camera,
-        more=(*above, *(shape.causes() if shape else ())),
-    )
+    verdict = _judged(seen, options, found, view_rms, tested, shape)
     return CameraEstimate(
         found.state.camera,
         found.state,
@@ -202,6 +187,33 @@ class _Solved:
     state: BundleState[PinholeCamera]
     estimate: Estimate
     shape: TargetShape | None = None
+
+
+def _judged(
+    seen: Observations,
+    options: CameraOptions,
+    found: _Solved,
+    view_rms_px: FloatArray,
+    tested_px: float | None,
+    shape: FoundShape | None,
+) -> Verdict:
+    """With what noise and target say."""
+    above = noise_causes(
+        found.estimate,
+        options.sigma_px,
+        found_px=float(np.max(found.problem.sigma_px)),
+        most_px=options.largest_noise_px,
+    )
+    return judge_camera(
+        seen,
+        found.state,
+        found.estimate,
+        view_rms_px=view_rms_px,
+        apart_rms_px=_told_apart(seen, options, found, view_rms_px, above),
+        out_of_sample_px=tested_px,
+        faces_camera=options.target_faces_camera,
+        more=(*above, *(shape.causes() if shape else ())),
+    )
 
 
 def _told_apart(
