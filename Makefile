@@ -27,9 +27,9 @@ lint: $(STAMP)   ## ruff, mypy strict, layer check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Three at a time on two cores: half of their time the tests wait for wires.
+# Four at a time on two cores: a third of their time the tests wait for wires.
 test: lint       ## lint and the test suite (under 15 minutes on 2 cores)
-	$(BIN)/pytest -n 3 --dist worksteal -q
+	$(BIN)/pytest -n 4 --dist worksteal -q
 
 test-full: lint  ## the large counts as well
 	HYPOTHESIS_PROFILE=new-inputs $(BIN)/pytest -n 3 --dist worksteal -q -m 'not hardware'
