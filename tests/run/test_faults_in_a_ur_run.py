@@ -89,7 +89,7 @@ def make_good(rig: Rig, role: str, verb: str, remedy: str | None) -> None:
     if remedy is not None:
         rig.do(role, remedy)
     if role == "arm":
-        code, shown = yes_to_all(["recover", str(rig.cell)])
+        code, shown = yes_to_all(["recover", str(rig.cell), "--task", "soak"])
         assert code == 0, shown
 
 
