@@ -105,18 +105,7 @@ def part_report(
         f"From {many} the features of the part are known to {NORMAL_95 * total:.2g} mm "
         "(95 %, over all three axes) in the cell.",
         verdict,
-        (
-            *pose_quantities(
-                located.base_from_part, located.covariance, "part in base"
-            ),
-            Quantity(
-                "chance of views that disagree so much",
-                100 * located.probability,
-                None,
-                "%",
-                "if all stated uncertainties are right",
-            ),
-        ),
+        _quantities(located),
         (
             ErrorBudget(distance, "the middle of the features, all three axes", parts),
             _bars(pictures),
@@ -125,6 +114,19 @@ def part_report(
             *_in_the_picture(pictures),
         ),
         (_branches(pictures),),
+    )
+
+
+def _quantities(located: LocatedPart) -> tuple[Quantity, ...]:
+    return (
+        *pose_quantities(located.base_from_part, located.covariance, "part in base"),
+        Quantity(
+            "chance of views that disagree so much",
+            100 * located.probability,
+            None,
+            "%",
+            "if all stated uncertainties are right",
+        ),
     )
 
 

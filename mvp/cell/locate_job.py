@@ -110,8 +110,7 @@ def locate_part(
     found = _accepted(folder, outcome)
     record = _record(cell, facts, store, outcome, found)
     _refuse_far(cell, folder, record)
-    text = found.model_dump_json(by_alias=True, indent=1) + "\n"
-    write_durably(folder.part_pose_file, text.encode())
+    _keep(folder, found)
     _LOG.info("locate: %s", "; ".join(outcome.lines))
     found_task = replace(task, pose_file=folder.part_pose_file)
     return LocatedPart(found_task, folder, setting, record)
@@ -164,6 +163,11 @@ def _write_page(wizard: Wizard[Any], store: Store, outcome: Outcome) -> None:
             write_durably(store.path / REPORT_FILE, page.encode())
     except Exception as error:
         _LOG.warning("no report of how the part was found: %s", error)
+
+
+def _keep(folder: RunFolder, found: RigidCalibration) -> None:
+    text = found.model_dump_json(by_alias=True, indent=1) + "\n"
+    write_durably(folder.part_pose_file, text.encode())
 
 
 def _accepted(folder: RunFolder, outcome: Outcome) -> RigidCalibration:

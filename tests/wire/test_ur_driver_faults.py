@@ -240,22 +240,30 @@ def test_a_fault_in_motion_ends_it_for_good(healed, verb, arguments, kinds, code
     assert after["program"] is None, "nothing may be left that can go on moving"
 
 
+def ends_in_an_error_or_at_its_goal(bench, mover, outcome) -> None:
+    """By its own name, or where the simulated robot truly is."""
+    mover.join(PATIENCE_S)
+    assert not mover.is_alive()
+    (end,) = outcome
+    truth = bench.do("state")
+    if isinstance(end, Exception):
+        assert isinstance(end, (*LOST, DeviceFault)), repr(end)
+        assert end.hint
+    else:
+        assert truth["standing"]
+        assert truth["joints"] == pytest.approx(FAR, abs=1e-3)
+        assert end.joints == pytest.approx(FAR, abs=1e-3)
+        assert end.standing
+
+
 @FULL
 @pytest.mark.parametrize("hex_", ["00047a01", "03e85501" + "40" * 996])
 def test_frames_that_the_client_passes_over_change_nothing(healed, hex_):
     """A package of an unknown type; a data package longer than was agreed on."""
     with moving(healed, data_timeout_s=2.0) as (_, mover, outcome):
         healed.do("inject", hex=hex_)
-        mover.join(PATIENCE_S)
-        assert not mover.is_alive()
-        (end,) = outcome
-        truth = healed.do("state")
-        if isinstance(end, Exception):
-            assert isinstance(end, (*LOST, DeviceFault)), repr(end)
-            assert truth["standing"]
-        else:
-            assert end.joints == pytest.approx(FAR, abs=1e-3)
-            assert truth["joints"] == pytest.approx(FAR, abs=1e-3)
+        ends_in_an_error_or_at_its_goal(healed, mover, outcome)
+        assert healed.do("state")["standing"]
 
 
 @FULL
@@ -280,18 +288,7 @@ def test_a_frame_cut_short_is_refused_or_leaves_the_motion_what_it_was(healed, h
     with moving(healed, data_timeout_s=0.5) as (_, mover, outcome):
         since = healed.now_s()
         healed.do("inject", hex=hex_)
-        mover.join(PATIENCE_S)
-        assert not mover.is_alive()
-        (end,) = outcome
-        truth = healed.do("state")
-        if isinstance(end, Exception):
-            assert isinstance(end, (*LOST, DeviceFault)), repr(end)
-            assert end.hint
-        else:
-            assert truth["standing"]
-            assert truth["joints"] == pytest.approx(FAR, abs=1e-3)
-            assert end.joints == pytest.approx(FAR, abs=1e-3)
-            assert end.standing
+        ends_in_an_error_or_at_its_goal(healed, mover, outcome)
     healed.do("clear")
     time.sleep(0.2)
     assert not healed.moves_since(since)
