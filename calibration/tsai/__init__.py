@@ -3,10 +3,12 @@
 from calibration.tsai.calibrate import TsaiEstimate, TsaiOptions, tsai_calibrate
 from calibration.tsai.convert import FitOfModels, pinhole_from_tsai, tsai_from_pinhole
 from calibration.tsai.model import TsaiCamera
+from calibration.tsai.sampling import Sampling
 from calibration.tsai.stages import TwoStage, two_stage
 
 __all__ = [
     "FitOfModels",
+    "Sampling",
     "TsaiCamera",
     "TsaiEstimate",
     "TsaiOptions",

@@ -4,12 +4,15 @@ The two stages give the start; all free numbers and the poses of all views are t
 found together by least squares in the picture. A flat target parallel to the sensor
 leaves f and Tz open while the residual stays perfect, so the tilt and the covariance
 decide, not the residual.
+
+One view of a flat target leaves sx with f: it is kept as given. Points in depth tell it,
+and so do several flat views that are tilted about different axes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
@@ -26,19 +29,37 @@ if TYPE_CHECKING:
     from mvp.geometry import FloatArray
 
 
+_State: TypeAlias = BundleState[TsaiCamera]
+
+_SCALE_TOLD = 0.0005  # one sigma; half a pixel over 1,000, what a digital camera keeps
+_SCALE_OPEN = 0.005  # one sigma; no better than what is usually known of the clocks
+_SCALE_ACTION = (
+    "of a digital camera it is 1; otherwise take several views tilted by 25 to 40 deg about different axes, or a target with "
+    "points in depth, or state sx from the clocks of camera and sampler"
+)
+
+
 @dataclass(frozen=True)
 class TsaiOptions:
     """What is refined.
 
     Attributes:
         free_centre: the centre is refined too; one view of a flat target tells it badly.
+        scale: whether sx is refined: where the views tell it well, wherever they tell it
+            (refused where not), or never.
         sigma_px: one standard deviation of a coordinate; None: from the residuals.
         priors: mean and one standard deviation of some of ``TSAI_NAMES``.
     """
 
     free_centre: bool = False
+    scale: Literal["where-seen", "free", "held"] = "where-seen"
     sigma_px: float | None = None
     priors: tuple[tuple[str, float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        unknown = [name for name, *_ in self.priors if name not in TSAI_NAMES]
+        if unknown:
+            raise ValueError(f"{unknown[0]} is none of {', '.join(TSAI_NAMES)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +79,7 @@ class TsaiEstimate:
     """
 
     camera: TsaiCamera
-    state: BundleState[TsaiCamera]
+    state: _State
     stages: tuple[TwoStage, ...]
     estimate: Estimate
     free: tuple[str, ...]
@@ -74,23 +95,21 @@ def tsai_calibrate(
     """Calibrate from one or several views that share the camera.
 
     Args:
-        camera: pitch and centre as known, sx as a start (kept for flat targets); f and k1
-            are not used.
+        camera: pitch and centre as known, sx as a start (kept where the views do not tell
+            it); f and k1 are not used.
         seen: one or more views; all flat (z = 0), or all in depth.
         options: what is refined.
 
     Raises:
-        CalibrationError: a view allows no start, or there are too few points.
+        CalibrationError: a view allows no start, there are too few points, or sx is
+            asked for where the views do not tell it.
     """
     options = options or TsaiOptions()
     stages = tuple(
         two_stage(camera, *seen.of_view(number)) for number in range(seen.views)
     )
-    start = _start(stages)
     flat = all(stage.coplanar for stage in stages)
-    free = ["f_mm", "k1_per_mm2"] + (["cx_px", "cy_px"] if options.free_centre else [])
-    free += [] if flat else ["sx"]
-    problem, found = _refined(seen, start, tuple(free), options)
+    free, problem, found = _solved(seen, _start(stages), camera.sx, flat, options)
     errors = problem.errors_px(found.state)
     rms = float(np.sqrt((errors**2).sum(axis=1).mean()))
     tilt = float(np.degrees(found.state.tilt_rad.max()))
@@ -100,13 +119,14 @@ def tsai_calibrate(
         RESIDUAL.check(rms / np.sqrt(2)),
         noise_causes(found.estimate, options.sigma_px),
         _folded(found.state, seen),
+        () if "sx" in free else (_kept(camera.sx, options),),
     )
     return TsaiEstimate(
         found.state.camera,
         found.state,
         stages,
         found.estimate,
-        tuple(free),
+        free,
         errors,
         rms,
         tilt,
@@ -114,7 +134,37 @@ def tsai_calibrate(
     )
 
 
-def _start(stages: tuple[TwoStage, ...]) -> BundleState[TsaiCamera]:
+def _solved(
+    seen: Observations,
+    start: _State,
+    given_sx: float,
+    flat: bool,
+    options: TsaiOptions,
+) -> tuple[tuple[str, ...], BundleProblem[TsaiCamera], Fit[_State]]:
+    """With sx free where it is told, otherwise as given."""
+    held = ("f_mm", "k1_per_mm2") + ("cx_px", "cy_px") * options.free_centre
+    one_flat = flat and seen.views == 1
+    if options.scale == "free" and one_flat:
+        raise CalibrationError(
+            "one view of a flat target does not tell sx, the scale along the rows",
+            hint=_SCALE_ACTION,
+        )
+    if options.scale != "held" and not one_flat:
+        free = (*held, "sx")
+        problem, found = _refined(seen, start, free, options)
+        sigma = found.estimate.sigma_of("sx") / found.state.camera.sx
+        if sigma <= (_SCALE_OPEN if options.scale == "free" else _SCALE_TOLD):
+            return free, problem, found
+        if options.scale == "free":
+            raise CalibrationError(
+                f"these views tell sx, the scale along the rows, to {100 * sigma:.2g} % only",
+                hint=_SCALE_ACTION,
+            )
+    start = replace(start, camera=replace(start.camera, sx=given_sx))
+    return held, *_refined(seen, start, held, options)
+
+
+def _start(stages: tuple[TwoStage, ...]) -> _State:
     """Medians of the cameras; each pose moved in depth to fit the median f."""
     values = np.array([stage.camera.values for stage in stages])
     median = np.median(values, axis=0)
@@ -126,10 +176,10 @@ def _start(stages: tuple[TwoStage, ...]) -> BundleState[TsaiCamera]:
 
 def _refined(
     seen: Observations,
-    start: BundleState[TsaiCamera],
+    start: _State,
     free: tuple[str, ...],
     options: TsaiOptions,
-) -> tuple[BundleProblem[TsaiCamera], Fit[BundleState[TsaiCamera]]]:
+) -> tuple[BundleProblem[TsaiCamera], Fit[_State]]:
     freedom = _freedom(start.camera, seen, free)
     problem = BundleProblem[TsaiCamera](
         seen, freedom, options.sigma_px or 1.0, options.priors
@@ -157,7 +207,13 @@ def _freedom(camera: TsaiCamera, seen: Observations, free: tuple[str, ...]) -> F
     return Freedom(free, np.eye(5)[:, index], np.array(scales)[index])
 
 
-def _folded(state: BundleState[TsaiCamera], seen: Observations) -> tuple[Cause, ...]:
+def _kept(sx: float, options: TsaiOptions) -> Cause:
+    why = "as asked" if options.scale == "held" else "these views tell it no better"
+    message = f"sx, the scale along the rows, is kept at {sx:.6g}: {why}"
+    return Cause("scale-kept", "go", message, _SCALE_ACTION)
+
+
+def _folded(state: _State, seen: Observations) -> tuple[Cause, ...]:
     radius = np.linalg.norm(state.camera.on_sensor(seen.pixels), axis=1)
     beyond = int((radius > state.camera.fold_mm).sum())
     if not beyond:

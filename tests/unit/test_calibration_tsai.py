@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from calibration.observations import Observations
 from calibration.projection import moved_pose, project
 from calibration.tsai import (
+    Sampling,
     TsaiCamera,
     TsaiOptions,
     pinhole_from_tsai,
@@ -228,6 +229,132 @@ def test_several_views_share_one_camera():
     assert (found.camera.cx_px, found.camera.cy_px) == pytest.approx(
         (799.5, 599.5), abs=1.5
     )
+
+
+def turned_views(camera, tilts, rng, sigma_px=0.1):
+    """Flat views tilted about the given axes (deg about x, y and z of the camera)."""
+    points = target(camera, A_SIZE, 500.0)
+    pixels = [
+        camera.project(
+            Rotation.from_euler("xyz", tilt, degrees=True).as_matrix(),
+            np.array([3.0, -4.0, 500.0]),
+            points,
+        )
+        for tilt in tilts
+    ]
+    noisy = [found + rng.normal(0, sigma_px, found.shape) for found in pixels]
+    return Observations.from_views([points] * len(tilts), noisy, size_px=A_SIZE)
+
+
+DIFFERENT = [(35, 0, 10), (0, 35, -20), (-30, 20, 60), (25, 30, 0)]
+
+
+@pytest.mark.parametrize("sx", [0.98, 1.0617])
+def test_several_flat_views_tell_the_scale_of_the_sampling(sx):
+    camera = A.with_values(A.values * [1, 1, 1, sx, 1])
+    scaled = []
+    for seed in range(5):
+        seen = turned_views(camera, DIFFERENT, np.random.default_rng(seed))
+        found = tsai_calibrate(A, seen, TsaiOptions(sigma_px=0.1))
+        assert "sx" in found.free
+        assert found.camera.sx == pytest.approx(sx, abs=4e-4)
+        assert found.camera.f_mm == pytest.approx(A.f_mm, rel=1e-3)
+        scaled.append((found.camera.sx - sx) / found.estimate.sigma_of("sx"))
+    assert rms(scaled) < 2
+
+
+def test_one_flat_view_keeps_the_scale_and_says_so():
+    camera = A.with_values(A.values * [1, 1, 1, 1.0617, 1])
+    seen = turned_views(camera, [(35, 5, 10)], np.random.default_rng(2))
+    found = tsai_calibrate(camera, seen, TsaiOptions(sigma_px=0.1))
+    assert found.camera.sx == 1.0617
+    assert "sx" not in found.free
+    assert found.verdict.grade == "go"
+    assert "kept at 1.0617" in " ".join(found.verdict.reasons)
+    with pytest.raises(CalibrationError, match="does not tell sx") as refused:
+        tsai_calibrate(camera, seen, TsaiOptions(scale="free"))
+    assert "clocks" in refused.value.hint
+
+
+def test_flat_views_from_one_side_do_not_tell_the_scale():
+    seen = turned_views(A, [(30, 0, 0), (31, 0, 0)], np.random.default_rng(3), 0.5)
+    found = tsai_calibrate(A, seen, TsaiOptions(sigma_px=0.5))
+    assert found.camera.sx == 1.0
+    assert "scale-kept" in found.verdict.codes()
+    with pytest.raises(CalibrationError, match="tell sx"):
+        tsai_calibrate(A, seen, TsaiOptions(scale="free", sigma_px=0.5))
+
+
+def test_a_scale_that_is_held_stays_also_in_depth():
+    points = target(A, A_SIZE, 500.0, depth_mm=60.0, planes=3)
+    rng = np.random.default_rng(6)
+    seen, *_ = one_view(A, A_SIZE, points, rng, tilt_deg=30, distance_mm=500.0)
+    found = tsai_calibrate(A, seen, TsaiOptions(scale="held", sigma_px=0.1))
+    assert found.camera.sx == 1.0
+    assert "as asked" in " ".join(found.verdict.reasons)
+
+
+JAVELIN = Sampling(0.023, 0.0135, elements=384, samples=512)
+
+
+def test_the_sampling_of_the_paper_gives_its_numbers():
+    assert JAVELIN.pitch_x_mm == pytest.approx(0.01725)
+    # The paper states the ratio of the two spacings, which is that of the two clocks.
+    sx = JAVELIN.scale_of_clocks(0.70642, 1.0)
+    assert sx == pytest.approx(1.0617, abs=5e-5)
+    assert JAVELIN.spacing_mm(sx) == pytest.approx(0.023 * 0.70642)
+    assert 1000 * JAVELIN.diagonal_mm(sx) == pytest.approx(21.124, abs=5e-4)
+    assert JAVELIN.camera((255.5, 239.5), sx=sx).on_sensor(
+        np.array([256.5, 240.5])
+    ) == pytest.approx([0.023 * 0.70642, 0.0135])
+
+
+def test_the_sampling_of_willsons_data_gives_his_pitch():
+    for name in ("cc", "ncc"):
+        willson(name)
+        ncx, nfx, dx, dy, dpx, dpy = np.loadtxt(DATA / f"{name}_cpcc.dat")[:6]
+        sampling = Sampling(dx, dy, int(ncx), int(nfx))
+        assert (sampling.pitch_x_mm, sampling.element_y_mm) == (dpx, dpy)
+        assert sampling.camera((262.0, 212.0)) == SAMPLED
+
+
+@pytest.mark.parametrize("wrong", [(0.0, 1.0, 3, 3), (1.0, 1.0, 0, 3)])
+def test_a_sampling_without_elements_is_refused(wrong):
+    with pytest.raises(ValueError, match=r"positive|one element"):
+        Sampling(*wrong)
+
+
+def test_what_is_known_of_the_centre_holds_a_weak_view():
+    points = target(A, A_SIZE, 500.0, fill=0.3)
+    free = TsaiOptions(free_centre=True, sigma_px=0.1)
+    scaled, errors = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        seen, *_ = one_view(A, A_SIZE, points, rng, tilt_deg=30, distance_mm=500.0)
+        told = [
+            ("cx_px", 799.5 + rng.normal(), 1.0),
+            ("cy_px", 599.5 + rng.normal(), 1.0),
+        ]
+        known = TsaiOptions(True, sigma_px=0.1, priors=tuple(told))
+        weak, held = (tsai_calibrate(A, seen, how) for how in (free, known))
+        names = ("f_mm", "cx_px", "cy_px")
+        sigmas = [
+            [one.estimate.sigma_of(name) for name in names] for one in (weak, held)
+        ]
+        assert min(sigmas[0][1:]) > 5
+        assert max(sigmas[1][1:]) <= 1.0
+        assert sigmas[1][0] < sigmas[0][0]
+        off = held.camera.values[:3] - A.values[:3]
+        scaled.append(off / sigmas[1])
+        errors.append([abs(one.camera.cx_px - 799.5) for one in (weak, held)])
+    assert rms(scaled) < 1.35
+    assert np.mean(errors, axis=0)[1] < 0.3 * np.mean(errors, axis=0)[0]
+
+
+def test_a_prior_on_a_number_that_is_none_of_the_cameras_is_refused():
+    seen = turned_views(A, [(35, 5, 10)], np.random.default_rng(2))
+    with pytest.raises(ValueError, match="focal"):
+        tsai_calibrate(A, seen, TsaiOptions(priors=(("focal", 1.0, 1.0),)))
 
 
 def test_a_target_whose_origin_is_on_the_optical_axis_is_no_trap():
