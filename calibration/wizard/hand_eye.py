@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from calibration.poses import Poses
+from calibration.wizard.camera_prior import camera_prior
 from calibration.wizard.coverage import coverage
 from calibration.wizard.hand_eye_result import (
     KEY,
     SIGMA_PX,
-    camera_prior,
     outcome_of,
     page_of,
     robot_of,

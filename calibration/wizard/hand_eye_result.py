@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.hand_eye import (
-    CameraPrior,
     HandEyeData,
     HandEyeLimits,
     HandEyeResult,
@@ -20,8 +19,9 @@ from calibration.poses import Poses, difference, only
 from calibration.report import about_session, hand_eye_report, render_report
 from calibration.verdict import Verdict
 from calibration.wizard.before import kept, line_of
+from calibration.wizard.camera_prior import camera_prior
 from calibration.wizard.comparison import compare_rigid
-from calibration.wizard.lookout import camera_at, target_of
+from calibration.wizard.lookout import target_of
 from calibration.wizard.points import points_of
 from calibration.wizard.provenance import provenance_of, validity_of
 from calibration.wizard.verification import Verification, verify_hand_eye
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 KEY = "hand-eye"
 SIGMA_PX = 0.15
-_ROUNDING_PX = 0.01
 _VIEWS_ALIKE = 2
 
 
@@ -66,26 +65,6 @@ def outcome_of(store: SessionStore) -> Outcome:
     verdict = Verdict((*result.verdict.causes, *held.causes()))
     result = replace(result, verdict=verdict)
     return _told(store, setting, result, data, held)
-
-
-def camera_prior(facts: SessionFacts, setting: Setting) -> CameraPrior:
-    """Intrinsics at the setting, with what camera and lens calibration leave open."""
-    lens = facts.lens_at(setting.by_name)
-    camera = camera_at(facts, lens)
-    stated = facts.camera.standard_deviation
-    focal = facts.lens_table.d_standard_deviation_mm / lens.d_mm * camera.fx_px
-    focal = max(focal, 1e-4 * camera.fx_px)
-    names = ("fx_px", "fy_px", "cx_px", "cy_px", "k1")
-    both = np.array([camera.fx_px, camera.fy_px]) / camera.fx_px * focal
-    covariance = np.zeros((5, 5))
-    covariance[:2, :2] = np.outer(both, both) + _ROUNDING_PX**2 * np.eye(2)
-    rest = [
-        max(stated.get("centre_x_px", 0.0), 0.05),
-        max(stated.get("centre_y_px", 0.0), 0.05),
-        max(stated.get("k1", 0.0), 1e-4),
-    ]
-    covariance[2:, 2:] = np.diag(np.square(rest))
-    return CameraPrior(camera, names, covariance)
 
 
 def robot_of(facts: SessionFacts) -> RobotNoise:

@@ -9,7 +9,7 @@ import numpy as np
 from calibration.part_pose import locate
 from calibration.part_pose.problem import PoseProblem
 from calibration.projection import skew
-from calibration.wizard.hand_eye_result import camera_prior
+from calibration.wizard.camera_prior import camera_prior
 from calibration.wizard.part_pictured import (
     chain_of,
     pictured_of,

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.part_pose import HandEye, PartView, by_camera, resect
 from calibration.part_pose.problem import PoseProblem
-from calibration.wizard.hand_eye_result import camera_prior
+from calibration.wizard.camera_prior import camera_prior
 from calibration.wizard.part_sight import sight_of
 from calibration.wizard.points import residuals
 from calibration.wizard.working import Setting

@@ -17,8 +17,8 @@ from calibration.part_pose import (
 from calibration.results import quality_of
 from calibration.verdict import Cause, Limit, Verdict, judged
 from calibration.wizard.before import kept, line_of
+from calibration.wizard.camera_prior import camera_prior
 from calibration.wizard.comparison import compare_rigid
-from calibration.wizard.hand_eye_result import camera_prior
 from calibration.wizard.part_held_out import held_out, left_out, not_wanted
 from calibration.wizard.part_pictured import (
     Pictured,
