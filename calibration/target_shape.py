@@ -54,14 +54,16 @@ class ShapePrior:
 
     Attributes:
         flat_mm: of the middle off the plane of the ends.
-        square: of a length along y by one along x, and of the angle between (rad).
+        square: of the angle between its axes (rad), and of the stretch if that is None.
+        stretch: of a length along y by one along x, where both were measured.
     """
 
     flat_mm: float
     square: float
+    stretch: float | None = None
 
     def __post_init__(self) -> None:
-        if not (self.flat_mm > 0 and self.square > 0):
+        if not self.sigmas.min() > 0:
             raise ValueError("standard deviations are positive")
 
     @classmethod
@@ -70,10 +72,25 @@ class ShapePrior:
         length = float(np.ptp(points_target_mm, axis=0).max())
         return cls(_PRINT_FLAT * length, _PRINT_SQUARE)
 
+    def known(
+        self, *, flat_mm: float | None = None, stretch: float | None = None
+    ) -> ShapePrior:
+        """With what somebody measured or knows of it; None: nobody does.
+
+        Args:
+            flat_mm: one standard deviation of how far it is from flat.
+            stretch: one standard deviation of a length along y by one along x; a caliper
+                never makes it exact, and no print is worse than an unknown one.
+        """
+        if stretch is not None:
+            stretch = float(np.clip(stretch, _SQUARE_ENOUGH, self.square))
+        return replace(self, flat_mm=flat_mm or self.flat_mm, stretch=stretch)
+
     @property
     def sigmas(self) -> FloatArray:
         """(5,), of ``SHAPE_NAMES``."""
-        return np.array([self.flat_mm] * 3 + [self.square] * 2)
+        stretch = self.square if self.stretch is None else self.stretch
+        return np.array([self.flat_mm] * 3 + [stretch, self.square])
 
 
 @dataclass(frozen=True, eq=False)

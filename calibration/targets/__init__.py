@@ -10,8 +10,14 @@ from calibration.targets.layout import (
     Target,
     caliper,
     nominal,
+    target_of_print,
 )
-from calibration.targets.pdf import PAPERS_MM, target_pdf, write_target_pdf
+from calibration.targets.pdf import (
+    PAPERS_MM,
+    target_pdf,
+    target_sheet,
+    write_target_pdf,
+)
 
 __all__ = [
     "PAPERS_MM",
@@ -28,6 +34,8 @@ __all__ = [
     "detect",
     "gather",
     "nominal",
+    "target_of_print",
     "target_pdf",
+    "target_sheet",
     "write_target_pdf",
 ]

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from calibration.planar import homography
 from calibration.targets.layout import Charuco, Chessboard, CircleGrid
 from calibration.targets.not_found import why_no_board
+from mvp.errors import CalibrationError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -138,16 +139,26 @@ def charuco_board(target: Charuco) -> cv2.aruco.CharucoBoard:
     """OpenCV's board.
 
     Raises:
-        ValueError: a dictionary that OpenCV does not know.
+        CalibrationError: a dictionary that OpenCV does not know, or with too few markers.
     """
     number = getattr(cv2.aruco, f"DICT_{target.dictionary}", None)
-    if number is None:
-        raise ValueError(f"OpenCV has no marker dictionary {target.dictionary!r}")
+    if not isinstance(number, int):
+        raise CalibrationError(
+            f"OpenCV has no marker dictionary {target.dictionary!r}",
+            hint="OpenCV's names without DICT_, such as 5X5_250",
+        )
+    dictionary = cv2.aruco.getPredefinedDictionary(number)
+    needed, there = target.markers, len(dictionary.bytesList)
+    if needed > there:
+        raise CalibrationError(
+            f"{target.dictionary} has {there} markers, the board needs {needed}",
+            hint="choose a larger dictionary, or fewer squares",
+        )
     board = cv2.aruco.CharucoBoard(
         (target.columns, target.rows),
         target.square.mm,
         target.marker_mm,
-        cv2.aruco.getPredefinedDictionary(number),
+        dictionary,
     )
     board.setLegacyPattern(target.legacy)
     return board

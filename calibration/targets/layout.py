@@ -14,6 +14,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from mvp.calibrated import TargetPrint
     from mvp.geometry import FloatArray
 
 _PRINT_SIGMA = 0.002
@@ -140,6 +141,11 @@ class Charuco:
             raise ValueError("a marker is smaller than its square")
 
     @property
+    def markers(self) -> int:
+        """How many there are, one to a white square."""
+        return self.columns * self.rows // 2
+
+    @property
     def spacing(self) -> MeasuredLength:
         """Distance of neighbours."""
         return self.square
@@ -204,6 +210,23 @@ class CircleGrid:
 
 
 Target: TypeAlias = Chessboard | Charuco | CircleGrid
+
+
+def target_of_print(printed: TargetPrint, square_sigma_mm: float) -> Target:
+    """The target that a cell file describes.
+
+    Args:
+        printed: its layout.
+        square_sigma_mm: one standard deviation of its squares' side (or pitch).
+    """
+    side = MeasuredLength(printed.square_mm, square_sigma_mm)
+    size = printed.columns, printed.rows
+    if printed.kind == "chessboard":
+        return Chessboard(*size, side)
+    if printed.kind == "circle-grid":
+        return CircleGrid(*size, side, printed.diameter_mm, printed.asymmetric)
+    marker = printed.marker_mm or 0.7 * printed.square_mm
+    return Charuco(*size, side, marker, printed.dictionary, printed.legacy)
 
 
 def _grid(columns: int, rows: int, spacing_mm: float) -> FloatArray:

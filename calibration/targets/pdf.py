@@ -12,13 +12,20 @@ import cv2
 import numpy as np
 
 from calibration.targets.detect import charuco_board
-from calibration.targets.layout import Charuco, Chessboard, CircleGrid
+from calibration.targets.layout import (
+    Charuco,
+    Chessboard,
+    CircleGrid,
+    target_of_print,
+)
 from mvp.errors import CalibrationError, OutputError
+from mvp.wizard import TargetSheet
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from calibration.targets.layout import Target
+    from mvp.calibrated import TargetPrint
     from mvp.geometry import FloatArray
 
 PAPERS_MM = {
@@ -36,6 +43,24 @@ _TEXT_MM = 3.2
 _CIRCLE = 4 / 3 * (np.sqrt(2) - 1)
 
 
+def target_sheet(printed: TargetPrint, paper: str) -> TargetSheet:
+    """The sheet of a target that a cell file describes (``mvp-cell target``).
+
+    Raises:
+        CalibrationError: as for ``target_pdf``.
+    """
+    target = target_of_print(printed, 0.0)
+    page = _page_mm(target, paper)
+    return TargetSheet(
+        target_pdf(target, paper=paper),
+        _title(target),
+        paper,
+        page,
+        target.size_mm,
+        _ruler_mm(page),
+    )
+
+
 def write_target_pdf(path: Path, target: Target, *, paper: str = "A4") -> None:
     """Draw a target in the middle of a sheet, turned if it fits only so.
 
@@ -45,7 +70,7 @@ def write_target_pdf(path: Path, target: Target, *, paper: str = "A4") -> None:
         paper: a name of ``PAPERS_MM``.
 
     Raises:
-        CalibrationError: unknown paper, or the target does not fit on it.
+        CalibrationError: unknown paper or markers, or the target does not fit on it.
         OutputError: the file cannot be written.
     """
     content = target_pdf(target, paper=paper)
@@ -82,16 +107,28 @@ def _page_mm(target: Target, paper: str) -> tuple[float, float]:
         raise CalibrationError(
             f"unknown paper {paper!r}", hint=f"use one of {', '.join(PAPERS_MM)}"
         )
-    narrow, tall = PAPERS_MM[paper]
+    page = _fitting(target, PAPERS_MM[paper])
+    if page is not None:
+        return page
     width, height = target.size_mm
-    for page in ((narrow, tall), (tall, narrow)):
+    larger = [name for name, size in PAPERS_MM.items() if _fitting(target, size)]
+    paper_words = f"larger paper (--paper {larger[0]}), or " if larger else ""
+    raise CalibrationError(
+        f"a target of {width:.0f} x {height:.0f} mm does not fit on {paper}",
+        hint=f"use {paper_words}fewer or smaller squares",
+    )
+
+
+def _fitting(
+    target: Target, paper_mm: tuple[float, float]
+) -> tuple[float, float] | None:
+    """The page, upright or turned, on which there is room."""
+    width, height = target.size_mm
+    for page in (paper_mm, paper_mm[::-1]):
         room = (page[0] - 2 * _MARGIN_MM, page[1] - 2 * _MARGIN_MM - _FOOT_MM)
         if width <= room[0] and height <= room[1]:
             return page
-    raise CalibrationError(
-        f"a target of {width:.0f} x {height:.0f} mm does not fit on {paper}",
-        hint="use larger paper, or fewer or smaller squares",
-    )
+    return None
 
 
 def _shapes(target: Target) -> list[FloatArray]:
@@ -181,9 +218,10 @@ def _title(target: Target) -> str:
             f"square {target.square.mm:g} mm"
         )
     if isinstance(target, Charuco):
+        legacy = ", legacy layout" if target.legacy else ""
         return (
             f"ChArUco {target.columns} x {target.rows} squares of {target.square.mm:g} mm, "
-            f"marker {target.marker_mm:g} mm, {target.dictionary}"
+            f"marker {target.marker_mm:g} mm, {target.dictionary}{legacy}"
         )
     kind = "asymmetric" if target.asymmetric else "symmetric"
     return (

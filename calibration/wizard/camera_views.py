@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from calibration.wizard.session_store import Sample
     from calibration.wizard.working import Setting
     from mvp.geometry import FloatArray
-    from mvp.wizard import SessionFacts
+    from mvp.wizard import SessionFacts, TargetFacts
 
 FREE = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
 _SIGMA_PX, _LEAST_PX = 0.15, 0.03
@@ -62,8 +62,25 @@ def camera_options(aspect: float, shape: ShapePrior) -> CameraOptions:
 
 
 def shape_prior(facts: SessionFacts) -> ShapePrior:
-    """What is known of the cell's target before it is seen."""
-    return ShapePrior.of_a_print(layout_of(target_of(facts)).points_mm)
+    """What is known of the cell's target before it is seen.
+
+    Its two sides are known as well as its squares are: the error of a ratio is that of
+    both. Readings of a caliper along and across may differ by more than that.
+    """
+    target = target_of(facts)
+    either = np.sqrt(2) * target.square_sigma_mm
+    if target.measured is not None:
+        readings = target.measured.readings_mm
+        either = np.hypot(either, np.ptp(readings) / target.measured.squares)
+    return ShapePrior.of_a_print(layout_of(target).points_mm).known(
+        flat_mm=target.flat_sigma_mm,
+        stretch=None if _one_reading(target) else float(either) / target.square_mm,
+    )
+
+
+def _one_reading(target: TargetFacts) -> bool:
+    """A caliper was put to one side only."""
+    return target.measured is not None and len(target.measured.readings_mm) < 2
 
 
 def _guess_options(facts: SessionFacts, nominal: PinholeCamera) -> CameraOptions:

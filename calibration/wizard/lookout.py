@@ -19,13 +19,7 @@ from calibration.projection import PinholeCamera, project
 from calibration.targets.checks import check_picture, measure_picture
 from calibration.targets.detect import Detection, Rejection, detect
 from calibration.targets.gather import examined
-from calibration.targets.layout import (
-    Charuco,
-    Chessboard,
-    CircleGrid,
-    MeasuredLength,
-    Target,
-)
+from calibration.targets.layout import Charuco, CircleGrid, target_of_print
 from calibration.wizard.next_pose import FocusBand, Refused
 from calibration.wizard.next_pose_aim import Aim, Doubt
 from calibration.wizard.session_store import Finding
@@ -38,6 +32,7 @@ if TYPE_CHECKING:
 
     from pydantic import JsonValue
 
+    from calibration.targets.layout import Chessboard, Target
     from calibration.wizard.session_store import Sample, SessionStore
     from mvp.geometry import FloatArray, IntArray, Pose
     from mvp.optics import LensSetting
@@ -56,14 +51,7 @@ _UNSETTLED = (
 
 def layout_of(facts: TargetFacts) -> Target:
     """The target as the detector knows it."""
-    side = MeasuredLength(facts.square_mm, facts.square_sigma_mm)
-    if facts.kind == "chessboard":
-        return Chessboard(facts.columns, facts.rows, side)
-    if facts.kind == "circle-grid":
-        diameter = facts.diameter_mm
-        return CircleGrid(facts.columns, facts.rows, side, diameter)
-    marker = facts.marker_mm or 0.7 * facts.square_mm
-    return Charuco(facts.columns, facts.rows, side, marker, facts.dictionary)
+    return target_of_print(facts, facts.square_sigma_mm)
 
 
 def target_of(facts: SessionFacts) -> TargetFacts:
@@ -330,6 +318,8 @@ class Lookout:
 def _orders(layout: Chessboard | CircleGrid) -> list[IntArray]:
     """Ids of all points in every order in which a detector may give them."""
     grid = np.arange(len(layout.points_mm)).reshape(layout.rows, layout.columns)
+    if isinstance(layout, CircleGrid) and layout.asymmetric:
+        return [grid.ravel()]
     ways = [grid, grid[::-1, ::-1]]
     if isinstance(layout, CircleGrid):
         ways += [grid[::-1], grid[:, ::-1]]

@@ -17,7 +17,11 @@ class TargetPrint(FileModel):
     ``columns`` and ``rows``: inner corners of a chessboard, squares of a ChArUco board,
     discs of a circle grid. ``square_mm``: side of a square, or the distance of
     neighbouring discs. ``marker_mm``: side of a ChArUco marker. ``dictionary``: OpenCV's
-    name without ``DICT_``. ``disc_mm``: diameter of a disc; left out, half the distance.
+    name without ``DICT_``. ``legacy``: a ChArUco board as OpenCV before 4.6 drew it,
+    whose first square is white where the rows are even. ``disc_mm``: diameter of a disc;
+    left out, half the distance. ``asymmetric``: every second row of discs is shifted, of
+    an odd number of rows; ``square_mm`` is then the distance of two rows, and half that of
+    two discs of a row.
     """
 
     kind: TargetKind
@@ -26,7 +30,9 @@ class TargetPrint(FileModel):
     square_mm: float = Field(gt=0)
     marker_mm: float | None = Field(default=None, gt=0)
     dictionary: str = "5X5_250"
+    legacy: bool = False
     disc_mm: float | None = Field(default=None, gt=0)
+    asymmetric: bool = False
 
     @model_validator(mode="after")
     def _drawable(self) -> Self:
@@ -34,9 +40,24 @@ class TargetPrint(FileModel):
             raise ValueError("a ChArUco board needs marker_mm")
         if self.marker_mm is not None and self.marker_mm >= self.square_mm:
             raise ValueError("marker_mm must be below square_mm")
-        if self.disc_mm is not None and self.disc_mm >= self.square_mm:
-            raise ValueError("disc_mm must be below square_mm")
+        if self.disc_mm is not None and self.disc_mm >= self.nearest_mm:
+            most = "1.4 square_mm" if self.asymmetric else "square_mm"
+            raise ValueError(f"disc_mm must be below {most}")
+        if self.legacy and self.kind != "charuco":
+            raise ValueError("only a ChArUco board can be legacy")
+        if self.asymmetric and self.kind != "circle-grid":
+            raise ValueError("only a circle grid can be asymmetric")
+        if self.asymmetric and self.rows % 2 == 0:
+            raise ValueError(
+                "an asymmetric grid needs an odd number of rows: with an even one it "
+                "looks the same after half a turn"
+            )
         return self
+
+    @property
+    def nearest_mm(self) -> float:
+        """Distance of the nearest two discs; asymmetric: a little less."""
+        return self.square_mm * (1.4 if self.asymmetric else 1.0)
 
     @property
     def diameter_mm(self) -> float:

@@ -171,6 +171,9 @@ class TargetConfig(TargetPrint):
     ``position_mm`` and ``rotation_deg`` (a rotation vector) place it in the base frame,
     with one standard deviation for each axis. ``square_sigma_mm``: of a square as
     measured with a caliper; left out, 0.2 % of it, which is what printers reach.
+    ``flat_sigma_mm``: how far the middle may lie off the plane of the ends (glass 0.01 to
+    0.05); left out, 0.5 % of its length, which is what a print on something nearly flat
+    reaches. Camera and lens wizards find the rest in the pictures.
     """
 
     square_sigma_mm: Positive | None = None
@@ -178,6 +181,7 @@ class TargetConfig(TargetPrint):
     rotation_deg: Point
     position_sigma_mm: Positive = 5.0
     angle_sigma_deg: Positive = 2.0
+    flat_sigma_mm: Positive | None = None
 
 
 class PartPlacement(FileModel):

@@ -98,3 +98,21 @@ class InitDocument(FileModel):
     )
     folder: str
     files: list[str]
+
+
+class TargetDocument(FileModel):
+    """``mvp-cell target --json``.
+
+    ``page_mm`` and ``target_mm``: width and height. ``ruler_mm``: between the end ticks of
+    the ruler below the target.
+    """
+
+    schema_: Literal["mvp-cell/target/1"] = Field(
+        default="mvp-cell/target/1", alias="schema"
+    )
+    file: str
+    title: str
+    paper: str
+    page_mm: tuple[float, float]
+    target_mm: tuple[float, float]
+    ruler_mm: float

@@ -19,6 +19,7 @@ from mvp.cell.documents import (
     InitDocument,
     ReportDocument,
     RunsDocument,
+    TargetDocument,
 )
 from mvp.cell.features_document import FeaturesDocument
 from mvp.cell.home_job import HomeDocument
@@ -43,6 +44,7 @@ MODELS: dict[str, type[BaseModel]] = {
     "lens-table": LensTableCalibration,
     "rigid": RigidCalibration,
     "target-size": MeasuredTarget,
+    "target": TargetDocument,
     "plan": Plan,
     "run": RunDocument,
     "features": FeaturesDocument,

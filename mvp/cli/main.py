@@ -29,6 +29,7 @@ _COMMANDS = (
     "home",
     "recover",
     "jog",
+    "target",
     "calibrate",
     "truth",
     "simulate",

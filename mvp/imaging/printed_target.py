@@ -62,7 +62,7 @@ def extent_mm(layout: TargetPrint) -> tuple[FloatArray, FloatArray]:
         low, high = np.full(2, -side), size
     else:
         reach = (side + layout.diameter_mm) / 2
-        low, high = np.full(2, -reach), size - side + reach
+        low, high = np.full(2, -reach), _disc_centres(layout).max(axis=0) + reach
     border = _BORDER * side
     return low - border, high + border
 
@@ -96,16 +96,22 @@ def _rectangles(layout: TargetPrint) -> list[tuple[float, float, float, float]]:
     """Dark x, y, width, height in the target frame, mm; none overlaps another."""
     side = layout.square_mm
     if layout.kind == "chessboard":
-        inner = _dark_squares(layout.columns + 1, layout.rows + 1)
+        inner = _every_other(layout.columns + 1, layout.rows + 1, 0)
         return [((c - 1) * side, (r - 1) * side, side, side) for r, c in inner]
-    squares = _dark_squares(layout.columns, layout.rows)
+    squares = _every_other(layout.columns, layout.rows, _first_white(layout))
     dark = [(c * side, r * side, side, side) for r, c in squares]
     return dark + _marker_boxes(layout)
 
 
-def _dark_squares(columns: int, rows: int) -> list[tuple[int, int]]:
-    """(row, column) of every other square, the first one dark."""
-    row, column = np.nonzero(np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 0)
+def _first_white(layout: TargetPrint) -> int:
+    """1 for a ChArUco board whose first square is white, otherwise 0."""
+    return int(layout.legacy and layout.rows % 2 == 0)
+
+
+def _every_other(columns: int, rows: int, parity: int) -> list[tuple[int, int]]:
+    """(row, column) of the squares whose row and column add up to even or odd."""
+    total = np.add.outer(np.arange(rows), np.arange(columns))
+    row, column = np.nonzero(total % 2 == parity)
     return list(zip(row.tolist(), column.tolist(), strict=True))
 
 
@@ -115,9 +121,7 @@ def _marker_boxes(layout: TargetPrint) -> list[tuple[float, float, float, float]
     if marker is None:
         raise ValueError("a ChArUco board has markers")
     dictionary = _dictionary(layout.dictionary)
-    rows, columns = layout.rows, layout.columns
-    white = np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 1
-    places = np.argwhere(white)
+    places = _every_other(layout.columns, layout.rows, 1 - _first_white(layout))
     if len(places) > len(dictionary.bytesList):
         raise ConfigError(
             f"{layout.dictionary} has {len(dictionary.bytesList)} markers, the board "
@@ -127,7 +131,7 @@ def _marker_boxes(layout: TargetPrint) -> list[tuple[float, float, float, float]
     bits = dictionary.markerSize + 2
     module, margin = marker / bits, (side - marker) / 2
     boxes = []
-    for number, (row, column) in enumerate(places.tolist()):
+    for number, (row, column) in enumerate(places):
         image = cv2.aruco.generateImageMarker(dictionary, number, bits)
         x, y = column * side + margin, row * side + margin
         for line, start, end in _runs(image == 0):
@@ -162,6 +166,8 @@ def _dictionary(name: str) -> cv2.aruco.Dictionary:
 
 def _disc_centres(layout: TargetPrint) -> FloatArray:
     row, column = np.divmod(np.arange(layout.rows * layout.columns), layout.columns)
+    if layout.asymmetric:
+        column = 2 * column + row % 2
     return np.asarray(np.stack([column, row], axis=1) * layout.square_mm, np.float64)
 
 

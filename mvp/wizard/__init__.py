@@ -71,6 +71,7 @@ from mvp.wizard.steps import (
     Word,
     Working,
 )
+from mvp.wizard.target_sheet import TargetSheet, load_target_drawer
 
 __all__ = [
     "WIZARDS",
@@ -95,12 +96,14 @@ __all__ = [
     "Step",
     "Store",
     "TargetFacts",
+    "TargetSheet",
     "Wait",
     "Way",
     "Wizard",
     "WizardOptions",
     "Word",
     "Working",
+    "load_target_drawer",
     "load_wizard",
     "wizard_keys",
 ]

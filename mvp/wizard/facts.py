@@ -35,8 +35,9 @@ class TargetFacts(TargetPrint):
     Target frame: x right, y down, z into the board for somebody who looks at it; a
     ChArUco board's origin is its outer corner, that of the others the first point.
     ``position_mm`` and ``rotation_deg`` (a rotation vector): ``base_from_target``, with
-    one standard deviation for each axis. ``measured``: with a caliper; the print is as
-    much larger throughout. None: the size is that of ``[target]``.
+    one standard deviation for each axis. ``flat_sigma_mm``: of its middle off the plane of
+    its ends; None: as a print on something nearly flat. ``measured``: with a caliper; the
+    print is as much larger throughout. None: the size is that of ``[target]``.
     """
 
     square_sigma_mm: float = Field(gt=0)
@@ -44,6 +45,7 @@ class TargetFacts(TargetPrint):
     rotation_deg: tuple[float, float, float]
     position_sigma_mm: float = Field(default=5.0, gt=0)
     angle_sigma_deg: float = Field(default=2.0, gt=0)
+    flat_sigma_mm: float | None = Field(default=None, gt=0)
     measured: MeasuredTarget | None = None
 
     def sized(self, measured: MeasuredTarget | None) -> Self:

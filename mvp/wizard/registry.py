@@ -25,31 +25,7 @@ def load_wizard(key: str) -> Wizard[Any]:
     Raises:
         PluginError: unknown, installed twice, or it does not load.
     """
-    found = list(entry_points(group=WIZARDS, name=key))
-    if not found:
-        raise PluginError(
-            f"there is no calibration called {key!r}",
-            hint=f"there are: {', '.join(wizard_keys()) or 'none'}",
-            where=key,
-        )
-    if len(found) > 1:
-        owners = sorted(e.dist.name if e.dist else "unknown" for e in found)
-        raise PluginError(
-            f"the calibration {key!r} is installed more than once, by "
-            f"{', '.join(owners)}",
-            hint="uninstall all but one of them",
-            where=key,
-        )
-    try:
-        wizard = found[0].load()()
-    except MvpCellError:
-        raise
-    except Exception as error:
-        raise PluginError(
-            f"the calibration {key!r} does not load: {type(error).__name__}: {error}",
-            hint="install mvp-cell, or the plugin that brings it, again",
-            where=key,
-        ) from error
+    wizard = load_named(WIZARDS, key, "calibration", made=True)
     missing = [name for name in _NEEDED if not hasattr(wizard, name)]
     if missing:
         raise PluginError(
@@ -58,3 +34,43 @@ def load_wizard(key: str) -> Wizard[Any]:
             where=key,
         )
     return cast("Wizard[Any]", wizard)
+
+
+def load_named(group: str, key: str, what: str, *, made: bool = False) -> object:
+    """What an entry point of a group names.
+
+    Args:
+        group: of entry points.
+        key: of the entry point.
+        what: it is, in words.
+        made: it is a class, and one of it is wanted.
+
+    Raises:
+        PluginError: unknown, installed twice, or it does not load.
+    """
+    found = list(entry_points(group=group, name=key))
+    if not found:
+        there = sorted({entry.name for entry in entry_points(group=group)})
+        raise PluginError(
+            f"there is no {what} called {key!r}",
+            hint=f"there are: {', '.join(there) or 'none'}",
+            where=key,
+        )
+    if len(found) > 1:
+        owners = sorted(e.dist.name if e.dist else "unknown" for e in found)
+        raise PluginError(
+            f"the {what} {key!r} is installed more than once, by {', '.join(owners)}",
+            hint="uninstall all but one of them",
+            where=key,
+        )
+    try:
+        loaded = found[0].load()
+        return loaded() if made else loaded
+    except MvpCellError:
+        raise
+    except Exception as error:
+        raise PluginError(
+            f"the {what} {key!r} does not load: {type(error).__name__}: {error}",
+            hint="install mvp-cell, or the plugin that brings it, again",
+            where=key,
+        ) from error

@@ -289,3 +289,27 @@ def test_both_cameras_see_the_same_bow_of_a_real_board(side):
     assert "bow_y_mm" in found.shape.found
     assert "bow_x_mm" not in found.shape.found
     assert found.rms_px < calibrate_camera(seen, CameraOptions(folds=0)).rms_px
+
+
+def test_a_board_that_was_measured_is_known_better_and_the_camera_with_it():
+    seen = views(np.random.default_rng(3), board(), 5)
+    unknown = ShapePrior.of_a_print(board())
+    measured = unknown.known(flat_mm=0.02, stretch=3e-4)
+    found = [
+        calibrate_camera(seen, replace(camera_options(1.0, prior), folds=0))
+        for prior in (unknown, measured)
+    ]
+    for one, prior in zip(found, (unknown, measured), strict=True):
+        assert (one.shape.sigmas <= 1.001 * prior.sigmas).all()
+        assert np.abs(in_sigmas(one)).max() < 3
+    assert found[1].sigma_of("fx_px") < found[0].sigma_of("fx_px")
+    assert (found[1].shape.sigmas[:4] < found[0].shape.sigmas[:4]).all()
+
+
+def test_a_measured_board_that_is_stretched_after_all_is_still_found_out():
+    measured = ShapePrior.of_a_print(board()).known(stretch=3e-4)
+    seen = views(np.random.default_rng(3), stretched(board(), 0.005))
+    options = replace(camera_options(1.0, measured), folds=0)
+    found = calibrate_camera(seen, options)
+    assert "stretch_y" in found.shape.found
+    assert np.abs(in_sigmas(found)).max() < 3

@@ -14,6 +14,7 @@ from calibration.targets import (
     Target,
     detect,
     nominal,
+    target_of_print,
 )
 from mvp.calibrated import TargetPrint
 from mvp.errors import ConfigError
@@ -39,6 +40,28 @@ CASES: dict[str, tuple[TargetPrint, Target]] = {
         TargetPrint(kind="circle-grid", columns=9, rows=7, square_mm=14.0, disc_mm=8.0),
         CircleGrid(9, 7, nominal(14.0), 8.0),
     ),
+    "legacy charuco": (
+        TargetPrint(
+            kind="charuco",
+            columns=9,
+            rows=8,
+            square_mm=17.3,
+            marker_mm=11.9,
+            legacy=True,
+        ),
+        Charuco(9, 8, nominal(17.3), 11.9, legacy=True),
+    ),
+    "asymmetric grid": (
+        TargetPrint(
+            kind="circle-grid",
+            columns=5,
+            rows=9,
+            square_mm=13.0,
+            disc_mm=10.0,
+            asymmetric=True,
+        ),
+        CircleGrid(5, 9, nominal(13.0), 10.0, asymmetric=True),
+    ),
 }
 
 
@@ -49,6 +72,8 @@ CASES: dict[str, tuple[TargetPrint, Target]] = {
         ("charuco with an even number of rows", 0.0),
         ("chessboard", 20.0),
         ("circle grid", 35.0),
+        ("legacy charuco", 20.0),
+        ("asymmetric grid", 30.0),
     ],
 )
 def test_every_corner_is_found_where_opencv_projects_it(
@@ -95,15 +120,23 @@ def test_every_corner_is_found_where_opencv_projects_it(
     assert np.sqrt((gap**2).sum(axis=1).mean()) < 0.08
 
 
+@pytest.mark.parametrize("case", CASES)
+def test_a_layout_is_the_target_that_is_looked_for(case: str) -> None:
+    layout, target = CASES[case]
+    assert target_of_print(layout, target.spacing.sigma_mm) == target
+
+
 @pytest.mark.parametrize("rows", [8, 9])
-def test_a_charuco_board_is_that_of_opencv(rows: int) -> None:
-    layout = BOARD.model_copy(update={"rows": rows})
+@pytest.mark.parametrize("legacy", [False, True])
+def test_a_charuco_board_is_that_of_opencv(rows: int, legacy: bool) -> None:
+    layout = BOARD.model_copy(update={"rows": rows, "legacy": legacy})
     texel = 0.75  # of a square of 15 and a marker of 7 modules: nothing is cut
     drawn = target_albedo(layout, texel)
     border = round(7.5 / texel)
     inner = drawn[border:-border, border:-border]
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_250)
     board = cv2.aruco.CharucoBoard((12, rows), 15.0, 10.5, dictionary)
+    board.setLegacyPattern(legacy)
     wanted = board.generateImage((inner.shape[1], inner.shape[0]))
     assert ((inner > 0.5) == (wanted > 127)).all()
 
@@ -128,3 +161,19 @@ def test_what_cannot_be_drawn_is_refused() -> None:
         TargetPrint(kind="charuco", columns=12, rows=9, square_mm=15.0)
     with pytest.raises(ValueError, match="below square_mm"):
         TargetPrint(kind="charuco", columns=4, rows=4, square_mm=5.0, marker_mm=5.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"legacy": True}, "only a ChArUco board"),
+        ({"kind": "chessboard", "asymmetric": True}, "only a circle grid"),
+        ({"asymmetric": True, "rows": 8}, "odd number of rows"),
+        ({"asymmetric": True, "disc_mm": 14.0}, "below 1.4 square_mm"),
+        ({"disc_mm": 10.5}, "below square_mm"),
+    ],
+)
+def test_a_layout_that_cannot_be_is_refused(wrong: dict, words: str) -> None:
+    grid = {"kind": "circle-grid", "columns": 5, "rows": 9, "square_mm": 10.0}
+    with pytest.raises(ValueError, match=words):
+        TargetPrint.model_validate(grid | wrong)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from calibration.targets import caliper
 from calibration.wizard.caliper import READINGS, SQUARES, size_told
+from calibration.wizard.camera_views import shape_prior
 from calibration.wizard.lookout import layout_of
 from calibration.wizard.session_store import SessionStore
 from mvp.cell.calibrate_facts import keep_size, stored_size, target_facts
@@ -134,3 +136,50 @@ def test_later_calibrations_find_the_size_beside_the_cell(
     (tmp_path / "target_size.json").write_text("{}")
     with pytest.raises(CalibrationError, match="not the size of a target"):
         stored_size(files)
+
+
+def stretch_of(store: SessionStore) -> float | None:
+    return shape_prior(store.facts).stretch
+
+
+@pytest.mark.parametrize(
+    ("readings", "stretch"),
+    [
+        ("150.2 150.2", 3e-4),  # no caliper makes it exact
+        ("150.0 150.6", 0.6 / 150.3),  # along and across differ
+        ("150.2", None),  # one side tells nothing of the other
+    ],
+)
+def test_readings_along_and_across_tell_how_stretched_the_print_can_be(
+    readings: str, stretch: float | None, facts: SessionFacts, tmp_path: Path
+) -> None:
+    store = SessionStore.create(tmp_path / "one", facts)
+    told(store, caliper_squares=[10.0], caliper_readings_mm=[readings])
+    known = stretch_of(store)
+    assert (known is None) == (stretch is None)
+    if known is not None and stretch is not None:
+        assert stretch <= known * 1.001 <= 1.3 * stretch
+
+
+def test_without_readings_the_two_sides_are_known_as_well_as_the_squares(
+    facts: SessionFacts, tmp_path: Path
+) -> None:
+    store = SessionStore.create(tmp_path / "one", facts)
+    assert stretch_of(store) == pytest.approx(np.sqrt(2) * 0.01 / 15)
+
+
+def test_what_is_known_of_flatness_comes_from_the_cell_file(
+    facts: SessionFacts,
+) -> None:
+    assert facts.target is not None
+    unknown = shape_prior(facts)
+    assert unknown.flat_mm == pytest.approx(0.005 * 10 * STATED)
+    glass = facts.target.model_copy(update={"flat_sigma_mm": 0.02})
+    known = shape_prior(facts.model_copy(update={"target": glass}))
+    assert known.flat_mm == 0.02
+    assert list(known.sigmas) == [0.02] * 3 + [known.stretch, known.square]
+    config = load_cell("virtual_uncalibrated").config.target
+    assert config is not None
+    stated = target_facts(config.model_copy(update={"flat_sigma_mm": 0.3}))
+    assert stated is not None
+    assert stated.flat_sigma_mm == 0.3
