@@ -168,7 +168,7 @@ def _fits(
 ) -> dict[ZoomFreedom, Fit[FloatArray]]:
     """Of those that the nodes can determine."""
     tried = {
-        f: fitted(per_node(seen, prior, f).problem) for f in wanted if _able(seen, f)
+        f: fitted(per_node(seen, prior, f).problem) for f in wanted if able(seen, f)
     }
     return {f: found for f, found in tried.items() if found is not None}
 
@@ -191,7 +191,7 @@ def _worse(
     return float(chi2.sf(max(gain, 0.0), freedom)) < least
 
 
-def _able(seen: NodeSet, freedom: ZoomFreedom) -> bool:
+def able(seen: NodeSet, freedom: ZoomFreedom) -> bool:
     """Whether the nodes can determine it."""
     full = len(seen.zoom_steps) - 1
     sharp = seen.zoom_of[seen.measured("sharp_mm")[0]]

@@ -155,7 +155,7 @@ def build_tables(measured: LensMeasurements) -> LensTables:
         "focus": best_curve(AxisNodes(seen.focus_steps, fit.x_mm, fit.x_sigma_mm)),
         "iris": best_curve(a),
     }
-    by_zoom, table = curves_by_zoom(fit), None
+    by_zoom, table = curves_by_zoom(fit, measured.e_prior_mm), None
     if all(curve.monotone for curve in curves.values()):
         zoom, focus, iris = (
             MotorAxis(

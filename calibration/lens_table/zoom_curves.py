@@ -13,12 +13,14 @@ import numpy as np
 from scipy.stats import chi2
 
 from calibration.lens_table.interpolation import AxisCurve, AxisNodes, free_curve
+from calibration.lens_table.left_out_zooms import left_out_zooms
 from calibration.lens_table.lens_models import IMPROBABLE
 from mvp.calibrated import ZoomTable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from calibration.lens_table.left_out_zooms import Changed
     from calibration.lens_table.nodes import NodeSet
     from calibration.lens_table.separation import LensFit
     from mvp.geometry import FloatArray
@@ -66,29 +68,38 @@ class ByZoom:
         )
 
 
-def curves_by_zoom(fit: LensFit) -> ByZoom:
-    """Those that the data ask for; every one at the same steps."""
+def curves_by_zoom(
+    fit: LensFit, e_prior_mm: tuple[float, float] | None = None
+) -> ByZoom:
+    """Those that the data ask for; every one at the same steps.
+
+    Args:
+        fit: of f, x and e.
+        e_prior_mm: with which it was made.
+    """
     seen = fit.seen
     if len(seen.zoom_steps) < 2:
         return ByZoom({})
     found: dict[str, AxisCurve] = {}
     shift = fit.shift_mm, fit.shift_sigma_mm
-    for name, degree, told in (
-        (
-            "pupil_offset_mm",
-            fit.freedom.own_e,
-            (fit.e_of_zoom_mm, fit.e_of_zoom_sigma_mm),
-        ),
+    offset = fit.e_of_zoom_mm, fit.e_of_zoom_sigma_mm
+    known: tuple[tuple[Changed, int, tuple[FloatArray, FloatArray]], ...] = (
+        ("pupil_offset_mm", fit.freedom.own_e, offset),
         ("focus_shift_mm", fit.freedom.shifted, shift),
-    ):
+    )
+    for name, degree, told in known:
         if degree:
             curve = _drawn(seen, *told)
-            own = degree == len(seen.zoom_steps) - 1
-            found[name] = curve if own else _fitted_as_a_whole(curve)
+            if degree < len(seen.zoom_steps) - 1:
+                # No zoom was fitted for itself: leaving a node out of the curve, which
+                # is a polynomial, would tell nothing.
+                errors, sigmas = left_out_zooms(seen, e_prior_mm, fit.freedom, name)
+                curve = replace(curve, left_out_mm=errors, left_out_sigmas=sigmas)
+            found[name] = curve
     for names in (_PAIR, ("k1",)):
-        means = {name: _of_cameras(seen, name) for name in names}
+        means = {of: _of_cameras(seen, of) for of in names}
         if any(_differs(values, sigma) for values, sigma in means.values()):
-            found |= {name: _drawn(seen, *pair) for name, pair in means.items()}
+            found |= {of: _drawn(seen, *pair) for of, pair in means.items()}
     return ByZoom(found)
 
 
@@ -96,11 +107,6 @@ def _drawn(seen: NodeSet, values: FloatArray, sigma: FloatArray) -> AxisCurve:
     # The shift of one zoom is zero by definition, but not better known than others.
     floor = np.where(sigma > 0, sigma, np.median(sigma[sigma > 0]))
     return free_curve(AxisNodes(seen.zoom_steps, values, floor))
-
-
-def _fitted_as_a_whole(curve: AxisCurve) -> AxisCurve:
-    """No zoom was fitted for itself, so leaving one out of the curve tells nothing."""
-    return replace(curve, left_out_mm=np.zeros(0), left_out_sigmas=0.0)
 
 
 def _of_cameras(seen: NodeSet, name: str) -> tuple[FloatArray, FloatArray]:

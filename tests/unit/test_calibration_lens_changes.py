@@ -15,6 +15,9 @@ from calibration.lens_table import (
     calibration_file,
     judge_lens,
 )
+from calibration.lens_table.left_out_zooms import left_out_zooms
+from calibration.lens_table.lens_models import ZoomFreedom
+from calibration.lens_table.nodes import NodeSet
 from mvp.calibrated import LensTableCalibration
 from mvp.geometry import Pose
 from mvp.kinematics import MountedCamera
@@ -229,3 +232,48 @@ def test_a_zoom_with_two_settings_close_together_leans_on_the_others():
     e_off = fit.e_of_zoom_mm - linear["e_of"](focal(fit.seen.zoom_steps))
     assert (np.abs(e_off) < 3 * fit.e_of_zoom_sigma_mm).all()
     assert "no-go" not in judge_lens(tables).grade
+
+
+def nodes_of(truth, seed):
+    rng = np.random.default_rng(seed)
+    return NodeSet.of(
+        [node(truth, zoom, focus, rng) for zoom in ZOOMS for focus in FOCUSES]
+    )
+
+
+LINE = {**STEADY, "e_of": lambda f: 2.4 + 0.08 * (f - 8)}
+CURVED = {**STEADY, "e_of": lambda f: 2.4 + 0.6 * np.sin((f - 8) / 2.2)}
+
+
+def test_a_zoom_that_was_left_out_tells_whether_a_low_degree_does():
+    scored = []
+    for seed in range(3):
+        seen = nodes_of(LINE, seed)
+        found = left_out_zooms(seen, None, ZoomFreedom(own_e=2), "pupil_offset_mm")
+        assert len(found[0]) == len(ZOOMS) - 2
+        scored.append(found[1])
+    assert 0.4 < np.sqrt(np.mean(np.square(scored))) < 1.6
+    wrong = left_out_zooms(
+        nodes_of(CURVED, 0), None, ZoomFreedom(own_e=1), "pupil_offset_mm"
+    )
+    assert wrong[1] > 5
+    truth = CURVED["e_of"](focal(ZOOMS))
+    straight = np.polyfit(ZOOMS[[0, 1, 3, 4]], truth[[0, 1, 3, 4]], 1)
+    miss = np.polyval(straight, ZOOMS[2]) - truth[2]
+    assert wrong[0][1] == pytest.approx(miss, abs=0.25)
+
+
+def test_a_shift_that_is_a_line_over_the_zoom_is_left_out_too():
+    seen = nodes_of({**STEADY, "shift_of": lambda f: 0.01 * (f - 8)}, 2)
+    freedom = ZoomFreedom(shifted=2)
+    errors, sigmas = left_out_zooms(seen, None, freedom, "focus_shift_mm")
+    assert len(errors) == len(ZOOMS) - 2
+    assert np.abs(errors).max() < 0.01
+    assert sigmas < 2
+
+
+def test_too_few_zooms_to_leave_one_out_are_no_error():
+    seen = nodes_of(LINE, 0)
+    two = NodeSet.of([n for n in seen.nodes if n.zoom in ZOOMS[[0, 4]]])
+    found = left_out_zooms(two, None, ZoomFreedom(own_e=1), "pupil_offset_mm")
+    assert len(found[0]) == 0
