@@ -95,9 +95,16 @@ class Occluder(FileModel):
 
 
 class ArmFaults(FileModel):
-    """Times count from the start of a motion."""
+    """Times count from the start of a motion.
+
+    ``ring_mm``: how far the flange swings, unseen by the encoders, from the moment they
+    stand; it dies away in ``ring_decay_s`` to 37 %. Up to then the arm is stiff.
+    """
 
     unreachable: bool = False
+    ring_mm: NotNegative = 0.0
+    ring_hz: Positive = 7.0
+    ring_decay_s: Positive = 0.5
     protective_stop_after_s: float | None = Field(default=None, ge=0)
     stall_after_s: float | None = Field(default=None, ge=0)
 

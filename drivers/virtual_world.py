@@ -12,18 +12,13 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from drivers.virtual_arm_truth import true_flange, true_joints
+from drivers.virtual_arm_truth import ringing, still_rings, true_flange, true_joints
 from drivers.virtual_bodies import true_bodies, true_target
 from drivers.virtual_lens_truth import LensTruth
 from drivers.virtual_light import true_light
 from drivers.virtual_motion import History, StraightMove
 from drivers.virtual_sensor import smear_instants, true_hand_eye, true_intrinsics
-from drivers.virtual_settings import (
-    Faults,
-    VectorOrLength,
-    WorldErrors,
-    WorldSettings,
-)
+from drivers.virtual_settings import Faults, VectorOrLength, WorldErrors, WorldSettings
 from drivers.virtual_tracks import Track
 from mvp.errors import ConfigError
 from mvp.geometry import FloatArray, Pose, unit
@@ -234,9 +229,11 @@ class VirtualWorld:
         """Where everything is at a moment, also in the past."""
         with self._lock:
             errors, seed = self._errors, self._settings.seed
+            faults = self._faults
             joints = true_joints(self.model, self._arm_history.at(t_s), errors)
-            lens = self.lens.setting(t_s, errors, self._faults.lens)
-        tool = true_flange(self.model, joints, errors, seed)
+            lens = self.lens.setting(t_s, errors, faults.lens)
+            swing = ringing(faults.arm, t_s - self._arm_history.end_s)
+        tool = true_flange(self.model, joints, errors, seed) @ swing
         camera = tool @ self.tool_from_camera(lens.d_mm, lens.f_mm)
         return WorldState(t_s, joints, camera, lens)
 
@@ -326,6 +323,7 @@ class VirtualWorld:
         with self._lock:
             moving = self._arm_history.moving_between(start_s, end_s)
             moving |= self.lens.moving_between(start_s, end_s)
+            moving |= still_rings(self._faults.arm, end_s - self._arm_history.end_s)
         if not moving:
             return self._render(self.state(start_s))
         count = self._instants(self.state(start_s), self.state(end_s))

@@ -257,6 +257,10 @@ class SettleConfig(FileModel):
 
     arm_s: NotNegative = Field(default=0.2, le=60)
     lens_s: NotNegative = Field(default=0.1, le=60)
+    compare_frames: bool = Field(
+        default=True,
+        description="compare two frames of every view: is it still after that time?",
+    )
 
 
 class CellConfig(FileModel):

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from mvp.calibrated import CameraCalibration
+    from mvp.cell.records import Stillness
+    from mvp.cell.stillness import StillCheck
     from mvp.devices import (
         Arm,
         ArmState,
@@ -121,6 +123,7 @@ class CellEngine:
         preflight: everything that must hold before the first motion.
         route: clear waypoints (k, dof) from where the arm stands to a view.
         calibrated: the camera's mode; None: any picture will do.
+        still: compares two frames of every view; None: one is believed.
     """
 
     def __init__(
@@ -136,6 +139,7 @@ class CellEngine:
         store: PictureStore,
         verifier: Verifier,
         calibrated: CameraCalibration | None = None,
+        still: StillCheck | None = None,
     ) -> None:
         self._devices = devices
         self._arrived = arrived
@@ -147,6 +151,8 @@ class CellEngine:
         self._store = store
         self._verifier = verifier
         self._calibrated = calibrated
+        self._still = still
+        self._frame: Frame | None = None
         self._stopped = threading.Event()
         self._stop_lock = threading.Lock()
         self._motion = ""
@@ -225,12 +231,17 @@ class CellEngine:
             DeviceError: no valid frame, or something moved meanwhile.
             OutputError: the disk does not take the picture.
         """
+        self._frame = None
         exposure = self._exposure(view, self._shoot)
+        metered = self._frame
         not_before_s = self._devices.clock.now_s()
         frame = self._shoot(exposure.exposure_s, exposure.gain)
+        stillness = self._stillness(metered, frame)
         arm, lens = self._devices.arm.state(), self._devices.lens.state()
         self._check_arm(view, arm)
         self._check_lens(view, lens)
+        if self._still is not None and stillness is not None:
+            self._still.require(stillness, view=view.id, arm=self._devices.arm.name)
         image, sha256 = self._store(view.id, frame)
         _LOG.info(
             "%s: %s kept as %s, frame %d, exposure %.6f s (%s), gain %.2f, begun "
@@ -265,6 +276,7 @@ class CellEngine:
                 exposure_start_s=frame.exposure_start_s,
                 received_s=frame.received_s,
             ),
+            stillness=stillness,
         )
 
     def verify(self, view: PlannedView, captured: Captured) -> Verified:
@@ -304,7 +316,16 @@ class CellEngine:
             )
         if self._calibrated is not None:
             require_size(frame, self._calibrated, camera.name)
+        self._frame = frame
         return frame
+
+    def _stillness(self, metered: Frame | None, frame: Frame) -> Stillness | None:
+        """The picture beside another one: the last that metered, else one more."""
+        if self._still is None:
+            return None
+        if metered is None or not self._still.comparable(metered, frame):
+            metered = self._shoot(frame.exposure_s, frame.gain)
+        return self._still.of(frame, metered, standing_s=self._arm_standing_s)
 
     def _wait(self, seconds: float, device: str) -> None:
         if self._devices.clock.wait(self._stopped, seconds):

@@ -121,6 +121,23 @@ class CaptureTimes(FileModel):
     received_s: float
 
 
+class Stillness(FileModel):
+    """How far the picture was displaced between two frames of a view.
+
+    ``shift_px`` and ``sigma_px`` are None where nothing in the picture could show it.
+    ``within_px``: how far it was allowed to be. ``likeness``: correlation of the two
+    pictures, once laid on each other. ``apart_s``: between the beginnings of the two
+    exposures. ``waited_s``: from the arm's standstill to the first of them.
+    """
+
+    shift_px: float | None
+    sigma_px: float | None
+    within_px: float
+    likeness: float
+    apart_s: float
+    waited_s: float
+
+
 class Captured(_Record):
     """A picture is on disk; written after the image was flushed."""
 
@@ -139,6 +156,7 @@ class Captured(_Record):
     asked_lens_steps: dict[str, int]
     reached: Reached
     times: CaptureTimes
+    stillness: Stillness | None = None
 
 
 class Verified(_Record):

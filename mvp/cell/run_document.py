@@ -15,6 +15,7 @@ from mvp.cell.records import (
     Reached,
     RunFinished,
     RunStarted,
+    Stillness,
     Verified,
     ViewSkipped,
 )
@@ -63,6 +64,7 @@ class ViewDocument(FileModel):
     sha256: str | None = None
     exposure_s: float | None = None
     reached: Reached | None = None
+    stillness: Stillness | None = None
     verification: VerificationDocument | None = None
 
 
@@ -142,6 +144,7 @@ def _captured_view(
         sha256=captured.sha256,
         exposure_s=captured.exposure_s,
         reached=captured.reached,
+        stillness=captured.stillness,
         verification=verification,
     )
 

@@ -12,11 +12,7 @@ from mvp.cell.arrival import arrival_tolerance
 from mvp.cell.beside import call_beside, run_beside
 from mvp.cell.calibrated_devices import accepted_on_devices, warn_of_devices
 from mvp.cell.engine import CellEngine
-from mvp.cell.hardware import (
-    build_devices,
-    check_simulated,
-    opened,
-)
+from mvp.cell.hardware import build_devices, check_simulated, opened
 from mvp.cell.homing import HOMING_S, home_arm, homing_of, is_homed
 from mvp.cell.interrupts import uninterrupted
 from mvp.cell.logs import log_devices, log_to
@@ -27,6 +23,7 @@ from mvp.cell.run_document import RunDocument, run_document
 from mvp.cell.runner import Runner, RunOutcome
 from mvp.cell.simulation import simulation_of
 from mvp.cell.standstill import UnderWay, seen_at_rest, stopped_on_error
+from mvp.cell.stillness import StillCheck
 from mvp.cell.verification import (
     Expectations,
     PictureVerifier,
@@ -338,6 +335,7 @@ class Session:
                 declared_axes(device_records(self.infos)),
             ),
             calibrated=self.setting.cell.calibrations.camera,
+            still=StillCheck.of_cell(self.setting),
         )
 
 

@@ -10,6 +10,7 @@ from mvp.imaging.foretell import foretold
 from mvp.imaging.light import Illumination, Lamp
 from mvp.imaging.measure_exposure import meter_exposure
 from mvp.imaging.measure_part import PartLines, measure_part
+from mvp.imaging.picture_shift import PictureShift, picture_shift
 from mvp.imaging.predict import expect_view
 from mvp.imaging.predict_contrast import BothSides, both_sides
 from mvp.imaging.predict_rims import outward_normals
@@ -31,6 +32,7 @@ __all__ = [
     "Lamp",
     "LensState",
     "PartLines",
+    "PictureShift",
     "PlanarTexture",
     "RenderBody",
     "RenderQuality",
@@ -49,6 +51,7 @@ __all__ = [
     "measure_part",
     "meter_exposure",
     "outward_normals",
+    "picture_shift",
     "printed_target",
     "render",
     "render_moving",

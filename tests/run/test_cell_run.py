@@ -143,6 +143,11 @@ def test_a_run_keeps_everything_and_verifies_every_edge(
     assert taken.times.exposure_start_s >= taken.times.not_before_s
     assert taken.times.not_before_s >= taken.times.lens_standing_s
     assert taken.exposure_source == "metered"
+    assert taken.stillness is not None
+    assert taken.stillness.shift_px is not None
+    assert taken.stillness.shift_px < taken.stillness.within_px / 10
+    assert view.stillness == taken.stillness
+    assert "picture moved between two frames" in (folder / "report.html").read_text()
     assert str(tmp_path) not in (folder / "report.html").read_text()
     lines = [json.loads(x) for x in (folder / "log.jsonl").read_text().splitlines()]
     assert {line["run"] for line in lines} == {document.run_id}

@@ -15,6 +15,7 @@ from mvp.kinematics import ARM_MODELS, arm_model
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from mvp.cell.records import Stillness
     from mvp.cell.run_document import RunDocument, ViewDocument
     from mvp.planning.plan import (
         KeptProbability,
@@ -332,7 +333,16 @@ def _settings(
     )
     used = "–" if exposure is None else f"{1000 * exposure:.2f} ms"
     rows.append(("exposure", asked_exposure, used))
+    if document is not None and document.stillness is not None:
+        rows.append(_stillness(document.stillness))
     return rows
+
+
+def _stillness(found: Stillness) -> tuple[str, str, str]:
+    shift = "nothing in it would show it"
+    if found.shift_px is not None:
+        shift = f"{found.shift_px:.2f} px in {found.apart_s:.2f} s"
+    return "picture moved between two frames", f"within {found.within_px:.2f} px", shift
 
 
 def _vector(values: tuple[float, float, float], *, digits: int = 2) -> str:
