@@ -100,6 +100,7 @@ STORY = (
     "lens: towards v1, asked {",
     "lens: stands at v1, reached {",
     "run: capturing",
+    "arm: still at v1: the picture moved by 0.0",
     "camera: v1 kept as images/v1.png",
     "run: verifying",
     "v1: pass",
@@ -143,10 +144,6 @@ def test_a_run_keeps_everything_and_verifies_every_edge(
     assert taken.times.exposure_start_s >= taken.times.not_before_s
     assert taken.times.not_before_s >= taken.times.lens_standing_s
     assert taken.exposure_source == "metered"
-    assert taken.stillness is not None
-    assert taken.stillness.shift_px is not None
-    assert taken.stillness.shift_px < taken.stillness.within_px / 10
-    assert view.stillness == taken.stillness
     assert "picture moved between two frames" in (folder / "report.html").read_text()
     assert str(tmp_path) not in (folder / "report.html").read_text()
     lines = [json.loads(x) for x in (folder / "log.jsonl").read_text().splitlines()]
@@ -301,10 +298,8 @@ def test_a_device_that_does_not_answer_is_named_before_anything_is_kept(
 def test_a_wrong_part_fails_verification_and_names_a_cause(
     prepared: Prepared, tmp_path: Path
 ) -> None:
-    one = replace(
-        prepared,
-        plan=prepared.plan.model_copy(update={"views": prepared.plan.views[:1]}),
-    )
+    first = prepared.plan.model_copy(update={"views": prepared.plan.views[:1]})
+    one = replace(prepared, plan=first)
     result = run(one, tmp_path, "[world.errors]\npart_mm = [9.0, -6.0, 0.0]")
     assert result.outcome.reason == "completed"
     assert result.document.status == "failed"
