@@ -16,6 +16,7 @@ from mvp.geometry.loading import EXTENSIONS, LoadedPart, load_part
 from mvp.geometry.mesh import TriangleMesh, box_mesh, concatenated
 from mvp.geometry.patches import face_groups, planar_patches
 from mvp.geometry.pose import Pose
+from mvp.geometry.sobol import sobol_points
 from mvp.geometry.stl import write_stl
 from mvp.geometry.units import MM_PER, Units, UnitsSource
 
@@ -44,6 +45,7 @@ __all__ = [
     "load_part",
     "planar_patches",
     "plane_axes",
+    "sobol_points",
     "unit",
     "write_stl",
 ]

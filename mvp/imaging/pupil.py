@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mvp.geometry import sobol_points
 from mvp.imaging.diffraction import radius_of_energy
 from mvp.optics.thick_lens import principal_distance_mm, signed_blur_mm
 
@@ -99,10 +100,8 @@ def joint_samples(
     Opposites keep the mean of every part at zero, so that few samples do not shift the
     picture; the places within the pixel still lie on distinct rows and columns.
     """
-    from scipy.stats import qmc
-
     half = count // 2
-    unit = qmc.Sobol(6, scramble=False).random(half) + 0.5 / half
+    unit = sobol_points(6, half) + 0.5 / half
     pupil = _disc(np.sqrt(unit[:, 2]) * optics.a_mm / 2, unit[:, 3])
     radius = radius_of_energy(unit[:, 4]) * optics.airy_unit_mm
     airy = _disc(radius, unit[:, 5])

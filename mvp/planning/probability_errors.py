@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from mvp.constraints import N_COORDINATES, SHIFT, TURN
 from mvp.constraints.base import A, D, F
@@ -172,13 +173,12 @@ def camera_spread(covariance: FloatArray) -> CameraSpread:
 
 def length_95(covariance: FloatArray) -> float:
     """Length that is exceeded once in twenty: a chi-square with the same two moments."""
-    from scipy.stats import chi2
-
     mean, spread = np.trace(covariance), 2 * np.trace(covariance @ covariance)
     if mean <= 0:
         return 0.0
     freedom = 2 * mean**2 / spread
-    return float(np.sqrt(mean * chi2.ppf(0.95, freedom) / freedom))
+    quantile = 2 * gammaincinv(freedom / 2, 0.95)  # of chi-square
+    return float(np.sqrt(mean * quantile / freedom))
 
 
 def _cross(vectors: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from mvp.geometry import FeaturePiece
+from mvp.geometry import FeaturePiece, sobol_points
 from mvp.visibility.culling import OwnFaces, feature_samples
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mvp.geometry import Box, Facing, FloatArray
     from mvp.visibility.occluders import Occluders
 
-_VIEWPOINTS_LOG2 = 9
+_VIEWPOINTS = 512
 _NAMED = 3
 _ASKED = 16
 
@@ -47,9 +47,7 @@ class Binding:
 
     @cached_property
     def _viewpoints(self) -> FloatArray:
-        from scipy.stats import qmc
-
-        sequence = qmc.Sobol(3, scramble=False).random_base2(_VIEWPOINTS_LOG2)
+        sequence = sobol_points(3, _VIEWPOINTS)
         inside = self.workspace.low_mm + sequence * self.workspace.size_mm
         return np.asarray(inside)
 
