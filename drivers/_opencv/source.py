@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     import cv2
 
 Kind: TypeAlias = Literal["v4l2", "stream", "file", "folder"]
+_LOG = logging.getLogger(__name__)
 _BY_ID = Path("/dev/v4l/by-id")
 _NEWEST_FIRST = 1  # frames that the driver of a USB camera may keep
 
@@ -118,7 +120,7 @@ def _configure(
     """Format, size, rate: in this order, since each limits the next."""
     import cv2
 
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, _NEWEST_FIRST)
+    keep_newest(capture, device)
     if settings.fourcc:
         code = cv2.VideoWriter.fourcc(*settings.fourcc)
         prove(capture, cv2.CAP_PROP_FOURCC, code, "pixel format", device)
@@ -129,6 +131,26 @@ def _configure(
     ):
         if value is not None:
             prove(capture, key, value, what, device)
+
+
+def keep_newest(capture: cv2.VideoCapture, device: str) -> None:
+    """Ask for a queue of one frame, and say it where that was not taken.
+
+    No fault: the reader hands out no frame that may have waited in a queue, however
+    long; a fresh one only takes longer to come.
+    """
+    import cv2
+
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, _NEWEST_FIRST)
+    kept = capture.get(cv2.CAP_PROP_BUFFERSIZE)
+    if kept != _NEWEST_FIRST:
+        _LOG.warning(
+            "%s: the queue of the USB driver reads back as %s instead of %d frame: "
+            "a fresh picture takes longer where this computer is busy",
+            device,
+            f"{kept:g}" if kept > 0 else "unknown",
+            _NEWEST_FIRST,
+        )
 
 
 def prove(

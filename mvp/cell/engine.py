@@ -243,18 +243,7 @@ class CellEngine:
         if self._still is not None and stillness is not None:
             self._still.require(stillness, view=view.id, arm=self._devices.arm.name)
         image, sha256 = self._store(view.id, frame)
-        _LOG.info(
-            "%s: %s kept as %s, frame %d, exposure %.6f s (%s), gain %.2f, begun "
-            "%.4f s after all stood",
-            self._devices.camera.name,
-            view.id,
-            image,
-            frame.frame_id,
-            frame.exposure_s,
-            exposure.source,
-            frame.gain,
-            frame.exposure_start_s - max(self._arm_standing_s, self._lens_standing_s),
-        )
+        self._log_kept(view, image, frame, exposure)
         return Captured(
             view=view.id,
             image=image,
@@ -277,6 +266,22 @@ class CellEngine:
                 received_s=frame.received_s,
             ),
             stillness=stillness,
+        )
+
+    def _log_kept(
+        self, view: PlannedView, image: str, frame: Frame, exposure: Exposure
+    ) -> None:
+        _LOG.info(
+            "%s: %s kept as %s, frame %d, exposure %.6f s (%s), gain %.2f, begun "
+            "%.4f s after all stood",
+            self._devices.camera.name,
+            view.id,
+            image,
+            frame.frame_id,
+            frame.exposure_s,
+            exposure.source,
+            frame.gain,
+            frame.exposure_start_s - max(self._arm_standing_s, self._lens_standing_s),
         )
 
     def verify(self, view: PlannedView, captured: Captured) -> Verified:

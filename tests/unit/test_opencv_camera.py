@@ -18,6 +18,7 @@ from drivers._opencv import HttpExposure, V4l2Exposure, kind_of
 from drivers._opencv.controls import in_force
 from drivers._opencv.grey import as_grey
 from drivers._opencv.reader import ArrivalBound
+from drivers._opencv.source import keep_newest
 from drivers.camera_opencv import OpencvCamera
 from mvp.devices import DeviceContext
 from mvp.errors import ConnectError, DeviceFault, LimitError, LinkLost, WireError
@@ -278,3 +279,16 @@ def test_automatic_exposure_that_stays_on_is_refused_or_said_aloud(
     refuses(DeviceFault, _v4l2(stuck).switch_off_automatic)
     _v4l2(stuck, allow=True).switch_off_automatic()
     assert "automatic exposure stays on" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("kept", "said"), [(1.0, ""), (4.0, "reads back as 4"), (-1.0, "as unknown")]
+)
+def test_a_queue_that_stays_longer_than_asked_is_said_aloud(
+    kept: float, said: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    controls = _Controls({cv2.CAP_PROP_BUFFERSIZE: kept})
+    keep_newest(controls, "camera")  # type: ignore[arg-type]
+    assert controls.values[cv2.CAP_PROP_BUFFERSIZE] == 1
+    assert said in caplog.text
+    assert bool(caplog.text) == bool(said)

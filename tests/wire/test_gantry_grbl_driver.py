@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -22,7 +21,6 @@ from mvp.testing.require import (
     meanwhile,
     nothing_in_the_way,
     refuses,
-    wait_until,
 )
 
 if TYPE_CHECKING:
@@ -301,11 +299,17 @@ def test_a_poor_line(gantry_bench: Make) -> None:
 def test_only_one_motion_at_a_time(gantry_bench: Make) -> None:
     bench = gantry_bench("grblhal")
     arm = bench.homed()
-    worker = threading.Thread(target=lambda: bench.slow_move(arm))
-    worker.start()
-    wait_until(bench.moving, "it moves")
-    refuses(DeviceFault, lambda: arm.move_joints(bench.start, timeout_s=5))
-    worker.join(30)
+    asked: list[int] = []
+
+    def interfere() -> None:
+        asked.append(bench.sent.count(b"G1"))
+        error = refuses(DeviceFault, lambda: arm.move_joints(bench.start, timeout_s=5))
+        assert "another action is in progress" in error.message
+        asked.append(bench.sent.count(b"G1"))
+
+    reached = bench.amid_a_move(arm, interfere)
+    assert asked[0] == asked[1], "the second motion reached the wire"
+    assert reached.joints == pytest.approx(bench.far, abs=1e-2)
 
 
 @BOTH

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from contextlib import suppress
@@ -144,7 +145,12 @@ def test_a_board_that_halts(gantry_bench: Make, tmp_path: Path) -> None:
 
 def test_it_is_no_grbl(gantry_bench: Make) -> None:
     bench = gantry_bench("marlin")
-    refuses(ConnectError, bench.arm(firmware="grblhal", identify_s=0).open)
+    wrong = bench.arm(firmware="grblhal", identify_s=0)
+    error = refuses(ConnectError, wrong.open)
+    assert "no GRBL answers on this port" in error.message
+    assert re.search(rb"G\d|\$H|\$X|\$J", bench.sent) is None, "it was told to move"
+    arm = bench.homed()  # it took no harm
+    assert arm.state().joints == pytest.approx(bench.start, abs=1e-2)
 
 
 def test_a_longer_ok_and_another_machine(gantry_bench: Make) -> None:
