@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.patches import Rectangle, Wedge
+from scipy.interpolate import PchipInterpolator
 
 from calibration.report.canvas import (
     AXIS_COLOURS,
@@ -228,7 +229,7 @@ def lens_curve(plot: LensCurve) -> Drawn:
     """The table with its nodes, and left-out errors below."""
     figure = new_figure(_NARROW_IN, 3.9)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    upper.plot(plot.table_steps, plot.table_mm, "-", color=BLUE, lw=1.4)
+    upper.plot(*_followed(plot), "-", color=BLUE, lw=1.4)
     upper.errorbar(
         plot.steps, plot.values_mm, 2 * plot.sigma_mm, fmt="o", ms=4, color=INK,
         elinewidth=1, capsize=2,
@@ -247,6 +248,14 @@ def lens_curve(plot: LensCurve) -> Drawn:
         )  # fmt: skip
     plain(lower, x=f"{plot.axis}, steps", y="left out, um")
     return as_svg(figure, f"{plot.title}: {len(plot.steps)} nodes")
+
+
+def _followed(plot: LensCurve) -> tuple[FloatArray, FloatArray]:
+    """The monotone cubic through the table, as the planner follows it."""
+    if len(plot.table_steps) < 2:
+        return plot.table_steps.astype(np.float64), plot.table_mm
+    steps = np.linspace(plot.table_steps[0], plot.table_steps[-1], 200)
+    return steps, np.asarray(PchipInterpolator(plot.table_steps, plot.table_mm)(steps))
 
 
 def node_errors(plot: NodeErrors) -> Drawn:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from calibration.camera import CameraEstimate
     from calibration.lens_table import Hysteresis, LensTables
+    from calibration.lens_table.interpolation import AxisCurve
     from calibration.observations import Observations
     from calibration.report.model import About
     from calibration.report.plots import Plot
@@ -91,7 +92,7 @@ def _quantities(tables: LensTables) -> tuple[Quantity, ...]:
     fit = tables.fit
     worst_d = int((fit.d_sigma_mm / fit.d_mm).argmax())
     node = fit.seen.nodes[worst_d]
-    depth = 100 * float((fit.d_sigma_mm / tables.depth_of_focus_mm).max())
+    depth = 100 * float((tables.sharp_sigma_mm / tables.depth_of_focus_mm).max())
     rows = [
         Quantity(f"f at zoom {step}", float(f), float(sigma), "mm")
         for step, f, sigma in zip(
@@ -109,7 +110,13 @@ def _quantities(tables: LensTables) -> tuple[Quantity, ...]:
             "mm",
             f"zoom {node.zoom}, focus {node.focus}",
         ),
-        Quantity("sigma of d by the depth of focus", depth, None, "%", "at most 10"),
+        Quantity(
+            "sigma of the sharp place by the depth of focus",
+            depth,
+            None,
+            "%",
+            "at most 10",
+        ),
         Quantity(
             "steps -> mm -> steps",
             float(tables.round_trip_steps),
@@ -132,13 +139,26 @@ def _changes(tables: LensTables) -> list[Quantity]:
             float(value),
             float(sigma),
             unit,
+            left_out,
         )
         for name, curve in tables.by_zoom.curves.items()
         for unit in [name.rpartition("_")[2] if "_" in name else ""]
-        for step, value, sigma in zip(
-            curve.nodes.steps, curve.nodes.values_mm, curve.nodes.sigma_mm, strict=True
+        for step, value, sigma, left_out in zip(
+            curve.nodes.steps,
+            curve.nodes.values_mm,
+            curve.nodes.sigma_mm,
+            _left_out_words(curve),
+            strict=True,
         )
     ]
+
+
+def _left_out_words(curve: AxisCurve) -> list[str]:
+    """For every node; the ends are never left out."""
+    if not len(curve.left_out_mm):
+        return [""] * len(curve.nodes.steps)
+    inner = [f"left out, foretold {error:+.2g} off" for error in curve.left_out_mm]
+    return ["", *inner, ""]
 
 
 def _sides(name: AxisName, found: Hysteresis) -> list[Quantity]:

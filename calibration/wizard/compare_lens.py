@@ -14,7 +14,12 @@ from calibration.wizard.compared import (
     incomparable,
     other_device,
 )
-from mvp.optics import MotorAxis, focus_distance_mm, principal_distance_mm
+from mvp.optics import (
+    MotorAxis,
+    ZoomCurves,
+    focus_distance_mm,
+    principal_distance_mm,
+)
 
 if TYPE_CHECKING:
     from mvp.calibrated import AxisTable, LensTableCalibration
@@ -55,17 +60,9 @@ def compare_lens_tables(
     found = (
         *_on_the_work(previous, new, (f, x), distance_mm, half_field_mm),
         _worst("f", f, previous.f_standard_deviation_mm, new.f_standard_deviation_mm),
-        _worst("d", x, previous.d_standard_deviation_mm, new.d_standard_deviation_mm),
+        _distance(previous, new, f[0], x),
         _worst("a", a, previous.a_standard_deviation_mm, new.a_standard_deviation_mm),
-        Difference(
-            "pupil offset e",
-            new.pupil_offset_mm - previous.pupil_offset_mm,
-            both_sigmas(
-                previous.pupil_offset_standard_deviation_mm,
-                new.pupil_offset_standard_deviation_mm,
-            ),
-            "mm",
-        ),
+        _pupil_offset(previous, new, f[0]),
     )
     known = [one.sigmas for one in found[2:] if one.sigmas is not None]
     return compared("lens", *stamps, found, max(known, default=None), ())
@@ -111,6 +108,75 @@ def _worst(
     return Difference(where, change, both_sigmas(before_sigma, sigma), "mm")
 
 
+def _distance(
+    previous: LensTableCalibration,
+    new: LensTableCalibration,
+    zooms: FloatArray,
+    pair: tuple[FloatArray, FloatArray, FloatArray],
+) -> Difference:
+    """D by the focus, and where the zoom shifts it at the zoom where that is worst."""
+    steps, before, now = pair
+    shifts = _shift_mm(new, zooms) - _shift_mm(previous, zooms)
+    off = (now - before) + shifts[:, None]
+    zoom, focus = np.unravel_index(int(np.abs(off).argmax()), off.shape)
+    at_zoom = f" of zoom {zooms[zoom]:.0f}" if shifts.any() else ""
+    return Difference(
+        f"d, worst at step {steps[focus]:.0f}{at_zoom}",
+        float(off[zoom, focus]),
+        both_sigmas(previous.d_standard_deviation_mm, new.d_standard_deviation_mm),
+        "mm",
+    )
+
+
+def _pupil_offset(
+    previous: LensTableCalibration, new: LensTableCalibration, zooms: FloatArray
+) -> Difference:
+    """E of both tables, where it differs most if the zoom changes it."""
+    before, now = (_e_mm(file, zooms) for file in (previous, new))
+    worst = int(np.abs(now - before).argmax())
+    by_zoom = any(_e_by_zoom(file) for file in (previous, new))
+    where = f", worst at zoom {zooms[worst]:.0f}" if by_zoom else ""
+    return Difference(
+        f"pupil offset e{where}",
+        float(now[worst] - before[worst]),
+        both_sigmas(_e_sigma_mm(previous), _e_sigma_mm(new)),
+        "mm",
+    )
+
+
+def _e_by_zoom(file: LensTableCalibration) -> bool:
+    return file.by_zoom is not None and bool(file.by_zoom.pupil_offset_mm)
+
+
+def _e_mm(file: LensTableCalibration, zooms: FloatArray) -> FloatArray:
+    """Pupil offset at zoom steps."""
+    own = _by_zoom(file, "pupil_offset_mm", zooms)
+    return np.full(len(zooms), file.pupil_offset_mm) if own is None else own
+
+
+def _shift_mm(file: LensTableCalibration, zooms: FloatArray) -> FloatArray:
+    """What the zoom adds to x = d - f at zoom steps."""
+    own = _by_zoom(file, "focus_shift_mm", zooms)
+    return np.zeros(len(zooms)) if own is None else own
+
+
+def _by_zoom(
+    file: LensTableCalibration, name: str, zooms: FloatArray
+) -> FloatArray | None:
+    """None where the zoom does not change it."""
+    if file.by_zoom is None:
+        return None
+    return ZoomCurves.from_table(file.by_zoom).value(name, zooms)
+
+
+def _e_sigma_mm(file: LensTableCalibration) -> float:
+    """The largest of all zooms."""
+    if file.by_zoom is not None and _e_by_zoom(file):
+        stated = file.by_zoom.standard_deviation.get("pupil_offset_mm", 0.0)
+        return max(stated, file.pupil_offset_standard_deviation_mm)
+    return file.pupil_offset_standard_deviation_mm
+
+
 def _on_the_work(
     previous: LensTableCalibration,
     new: LensTableCalibration,
@@ -122,15 +188,19 @@ def _on_the_work(
 
     At the setting in both tables' middle zoom that is sharp nearest to the distance.
     """
-    (_, f_before, f_now), (_, x_before, x_now) = pairs
+    (zooms, f_before, f_now), (_, x_before, x_now) = pairs
     middle = len(f_now) // 2
-    old = _at_setting(f_before[middle], x_before, previous.pupil_offset_mm)
-    now = _at_setting(f_now[middle], x_now, new.pupil_offset_mm)
+    here = zooms[middle : middle + 1]
+    e_before, e_now = (float(_e_mm(file, here)[0]) for file in (previous, new))
+    x_before = x_before + _shift_mm(previous, here)
+    x_now = x_now + _shift_mm(new, here)
+    old = _at_setting(f_before[middle], x_before, e_before)
+    now = _at_setting(f_now[middle], x_now, e_now)
     best = int(np.abs(now[1] - distance_mm).argmin())
     sigma = both_sigmas(previous.d_standard_deviation_mm, new.d_standard_deviation_mm)
     lateral = half_field_mm / float(now[0][best])
     f = float(f_now[middle])
-    along = ((distance_mm + new.pupil_offset_mm - f) / f) ** 2
+    along = ((distance_mm + e_now - f) / f) ** 2
     at = f"at {distance_mm:.0f} mm"
     corner = float(now[0][best] - old[0][best]) * lateral
     sharp = float(now[1][best] - old[1][best])

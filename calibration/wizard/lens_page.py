@@ -51,4 +51,5 @@ def page_of(store: SessionStore, outcome: Outcome) -> str:
         more_causes=held.causes() if isinstance(held, Verification) else (),
     )
     words = (held.words,) if isinstance(held, Verification) else ()
-    return render_report(replace(data, notes=(*data.notes, *words)))
+    warnings = cast("Sequence[str]", outcome.details.get("warnings", ()))
+    return render_report(replace(data, notes=(*data.notes, *words, *warnings)))

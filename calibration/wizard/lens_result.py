@@ -2,36 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibration.camera import CameraOptions, calibrate_camera
-from calibration.camera_start import poses_with, start_from_planes
+from calibration.camera_start import start_from_planes
 from calibration.lens_table import (
-    AxisNodes,
     Conditions,
     LensIdentity,
     LensMeasurements,
     LensTables,
-    Measured,
-    best_curve,
     build_tables,
     calibration_file,
     judge_lens,
-    measure_aperture,
     separate,
 )
-from calibration.lens_table.edge_blur import EdgeBlurs
-from calibration.lens_table.sharpness import blur_shots
 from calibration.lens_table.zoom_curves import WORDS
 from calibration.wizard.before import half_field_mm, kept, line_of
 from calibration.wizard.compare_lens import compare_lens_tables
-from calibration.wizard.lens_motors import IRIS, hysteresis_of, plan_sides
+from calibration.wizard.lens_irises import irises_of
+from calibration.wizard.lens_motors import hysteresis_of, plan_sides
 from calibration.wizard.lens_node_result import (
     NodeResult,
-    blur_of,
     nodes_of,
     on_the_target,
     plan_of,
@@ -51,15 +44,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from calibration.lens_table import LensFit
-    from calibration.projection import PinholeCamera
+    from calibration.wizard.lens_irises import Irises
     from calibration.wizard.session_store import Sample, SessionStore
 
 KEY = "lens"
 VERIFICATION = "verification"
 _WHAT = "the principal distance at settings between the nodes"
-_AIRY_SIGMA = 1.0290 / (2 * np.sqrt(2 * np.log(2)))
-_SHARP_SHARE = 0.005
-_A_FLOOR = 0.01  # discs of a few pixels, among diffraction and edges that are not sharp
 _CENTRE_PX, _K1 = 0.3, 0.003
 
 
@@ -78,11 +68,11 @@ def outcome_of(store: SessionStore) -> Outcome:
             where=str(store.path),
         )
     fit = separate([one.node for one in nodes])
-    iris = irises_of(store, nodes, fit)
+    irises = irises_of(store, nodes, fit)
     model = facts.lens_table
     data = LensMeasurements(
         [one.node for one in nodes],
-        iris,
+        irises.measured,
         facts.blur_circle_mm,
         approach={
             "zoom": model.zoom_f_mm.approach,
@@ -96,73 +86,7 @@ def outcome_of(store: SessionStore) -> Outcome:
     if tables.table is None:
         return _nothing(tables, nodes)
     held = verified(store, tables, nodes)
-    return _told(store, tables, nodes, held)
-
-
-def irises_of(
-    store: SessionStore, nodes: Sequence[NodeResult], fit: LensFit
-) -> dict[int, Measured]:
-    """The pupil at every iris that was looked at.
-
-    How far out of focus an edge is follows from the lens as just fitted.
-    """
-    steps = sorted({sample.lens_steps["iris"] for sample in store.usable(IRIS)})
-    found: dict[int, Measured] = {}
-    for step in steps:
-        samples = [s for s in store.usable(IRIS) if s.lens_steps["iris"] == step]
-        try:
-            found[step] = _pupil(store, samples, nodes, fit)
-        except CalibrationError:
-            continue
-    return found
-
-
-def _pupil(
-    store: SessionStore,
-    samples: Sequence[Sample],
-    nodes: Sequence[NodeResult],
-    fit: LensFit,
-) -> Measured:
-    facts = store.facts
-    pitch = facts.sensor.pitch_y_mm
-    focus = best_curve(AxisNodes(fit.seen.focus_steps, fit.x_mm, fit.x_sigma_mm))
-    blurs, defocus, spot = [], [], 0.0
-    for sample in samples:
-        zoom = int(np.argmin(np.abs(fit.seen.zoom_steps - sample.lens_steps["zoom"])))
-        f = float(fit.f_mm[zoom])
-        x = float(
-            np.interp(sample.lens_steps["focus"], focus.table_steps, focus.table_mm)
-        )
-        x += float(fit.shift_mm[zoom])
-        f_cal = float(principal_distance_mm(f + x, f, fit.e_of_zoom_mm[zoom]))
-        camera = _like(nodes, sample, f_cal / facts.sensor.pitch_x_mm)
-        pose = poses_with(camera, store.observations([sample]))
-        one = blur_of(store, sample, camera, (pose.rotation[0], pose.translation_mm[0]))
-        blurs.append(one)
-        defocus.append(x / f - f_cal / one.depth_mm)
-        a_mm = facts.lens_at(sample.lens_steps).a_mm
-        spot = _AIRY_SIGMA * facts.wavelength_mm * f_cal / a_mm / pitch
-    shots = blur_shots(
-        EdgeBlurs.joined(blurs),
-        np.concatenate(defocus),
-        pitch_mm=pitch,
-        diffraction_px=spot,
-    )
-    deepest = float(np.abs(shots.defocus).max())
-    result = measure_aperture(shots, (0.0, _SHARP_SHARE * deepest))
-    sigma = float(np.hypot(result.a_sigma_mm, _A_FLOOR * result.a_mm))
-    return Measured(result.a_mm, sigma)
-
-
-def _like(nodes: Sequence[NodeResult], sample: Sample, f_px: float) -> PinholeCamera:
-    """The camera of the nearest node with another principal distance."""
-    zoom, focus = sample.lens_steps["zoom"], sample.lens_steps["focus"]
-    near = min(
-        nodes, key=lambda n: (abs(n.node.zoom - zoom), abs(n.node.focus - focus))
-    )
-    camera = near.camera
-    ratio = camera.fy_px / camera.fx_px
-    return replace(camera, fx_px=f_px, fy_px=f_px * ratio)
+    return _told(store, tables, nodes, held, irises)
 
 
 # ------------------------------------------------------------------- held-out views
@@ -235,6 +159,7 @@ def _told(
     tables: LensTables,
     nodes: Sequence[NodeResult],
     held: Verification,
+    irises: Irises,
 ) -> Outcome:
     facts = store.facts
     identity = LensIdentity(
@@ -245,6 +170,9 @@ def _told(
     work = on_the_work(facts, tables)
     causes = (*target_causes(nodes), *held.causes())
     quality = with_causes(_quality(document.quality, nodes, work, held), causes)
+    quality = quality.model_copy(
+        update={"reasons": [*quality.reasons, *irises.warnings]}
+    )
     document = document.model_copy(
         update={
             "provenance": stamp,
@@ -262,12 +190,18 @@ def _told(
         KEY,
         document,
         quality,
-        (work.words, *_lines(tables, held), line_of(before)),
+        (
+            work.words,
+            *_lines(tables, held),
+            *(f"warning: {warning}" for warning in irises.warnings),
+            line_of(before),
+        ),
         {
             "tables": tables,
             "nodes": tuple(nodes),
             "pictures": [one.pictures for one in nodes if one.pictures],
             "verification": held,
+            "warnings": irises.warnings,
         },
         points=tuple(point for one in nodes for point in one.points),
         comparison=kept(before),

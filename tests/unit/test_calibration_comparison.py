@@ -23,6 +23,7 @@ from mvp.calibrated import (
     Provenance,
     Quality,
     RigidCalibration,
+    ZoomTable,
 )
 from mvp.geometry import Pose
 
@@ -252,6 +253,43 @@ def test_the_same_lens_has_no_alarm_and_a_shift_on_the_work():
     )
     assert longer.differences[0].change == pytest.approx(0.1, rel=0.05)
     assert longer.differences[0].unit == "mm"
+
+
+def with_zoom(file, **values):
+    """The same table with what the zoom changes, at its first and last zoom."""
+    table = ZoomTable(
+        steps=[0, 3000],
+        standard_deviation=dict.fromkeys(values, 0.05),
+        **values,
+    )
+    return file.model_copy(update={"by_zoom": table})
+
+
+def test_a_pupil_offset_that_follows_the_zoom_is_compared_by_zoom():
+    steady = with_zoom(lens_file(), pupil_offset_mm=[2.4, 2.4])
+    same = compare_lens_tables(
+        lens_file(), steady, distance_mm=400.0, half_field_mm=100.0
+    )
+    assert not same.alarm
+    assert same.differences[-1].change == pytest.approx(0.0)
+    tilted = with_zoom(lens_file(), pupil_offset_mm=[2.4, 3.0])
+    other = compare_lens_tables(steady, tilted, distance_mm=400.0, half_field_mm=100.0)
+    assert other.alarm
+    assert other.differences[-1].name == "pupil offset e, worst at zoom 3000"
+    assert other.differences[-1].change == pytest.approx(0.6)
+    assert other.differences[-1].sigma == pytest.approx(np.hypot(0.05, 0.05))
+
+
+def test_a_shift_of_the_focus_by_the_zoom_is_a_change_of_d():
+    shifted = with_zoom(lens_file(), focus_shift_mm=[0.0, -0.02])
+    found = compare_lens_tables(
+        lens_file(), shifted, distance_mm=400.0, half_field_mm=100.0
+    )
+    d = found.differences[3]
+    assert d.name.startswith("d, worst at step")
+    assert d.name.endswith("of zoom 3000")
+    assert d.change == pytest.approx(-0.02)
+    assert found.alarm
 
 
 def test_tables_of_another_side_or_range_are_not_compared():
