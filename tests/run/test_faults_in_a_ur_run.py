@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from drivers._genicam import installed_backends
+from mvp.cell.loading import load_cell
 from mvp.cell.places import bundled_root
 from mvp.cell.records import Captured, read_records
 from mvp.cli.main import invoke
@@ -125,3 +126,23 @@ def test_what_was_taken_is_kept_and_a_person_leads_the_cell_back(
     ]
     assert [r.view for r in taken] == ["v1", "v2"]
     assert all(is_whole(folder, r) for r in taken)
+
+
+@pytest.mark.full
+def test_the_way_to_the_first_view_is_driven_slowly_and_the_rest_is_not(
+    rig: Rig, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = len(speeds(rig))
+    words = ["run", str(rig.cell), "--task", "soak", "--partial", "--json", "--yes"]
+    code = invoke([*words, "--out", str(tmp_path)])
+    said = capsys.readouterr()
+    assert code in JUDGED, said.err
+    driven = speeds(rig)[before:]
+    (log,) = tmp_path.glob("*/log.jsonl")
+    first = log.read_text().count("arm: towards v1, asked")
+    full = max(driven)
+    share = load_cell(str(rig.cell)).config.motion.start_speed_fraction
+    assert 0 < first < len(driven)
+    assert driven == pytest.approx(
+        [share * full] * first + [full] * (len(driven) - first)
+    )
