@@ -61,9 +61,10 @@ def working_setting(facts: SessionFacts) -> Setting:
     """Where the cell works: the setting of the present hand-eye calibration.
 
     Focused on the working distance where one is stated; without a reference at the
-    middle of the zoom range. The pupil is so small that 30 % nearer is still sharp.
+    middle of the zoom range; always where the lens table holds. The pupil is so small
+    that 30 % nearer is still sharp.
     """
-    table, known = facts.table, facts.hand_eye
+    table, known = facts.table_in_use, facts.hand_eye
     f_low, f_high = table.f_range_mm
     f = known.reference_f_mm or float(np.sqrt(f_low * f_high))
     f = float(np.clip(f, f_low, f_high))
@@ -90,7 +91,7 @@ def setting_of(store: SessionStore) -> Setting:
 
 def setting_at(facts: SessionFacts, f_mm: float, d_mm: float) -> Setting:
     """Steps for f and d, with the pupil that the depth of field asks for."""
-    table = facts.table
+    table = facts.table_in_use
     a = pupil_for_depth(facts, f_mm, d_mm)
     found = table.nearest(f_mm, d_mm, a)
     steps = table.steps(found.f_mm, found.d_mm, found.a_mm)
@@ -109,7 +110,7 @@ def pupil_for_depth(
 
     Never so small that diffraction blurs more than is gained.
     """
-    table, pitch = facts.table.at_focal_length(f_mm), facts.sensor.pitch_y_mm
+    table, pitch = facts.table_in_use.at_focal_length(f_mm), facts.sensor.pitch_y_mm
     m = (d_mm - f_mm) / f_mm
     f_cal = float(principal_distance_mm(d_mm, f_mm, table.pupil_offset_mm))
     slope = m * depth_share / (1 - depth_share)

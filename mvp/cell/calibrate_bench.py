@@ -16,6 +16,7 @@ import numpy as np
 from mvp.cell.arrival import arrival_tolerance
 from mvp.cell.calibrate_target import target_corners_mm, target_obstacle
 from mvp.cell.calibrated_devices import require_size
+from mvp.cell.lens_validity import require_held
 from mvp.cell.locate_sights import TaskSights
 from mvp.cell.standstill import UnderWay
 from mvp.devices import DrivesStraight
@@ -232,6 +233,8 @@ class CellBench:
         """Set the lens and let it settle; see ``Bench``."""
         lens = self.devices.lens
         wanted = {"zoom": zoom, "focus": focus, "iris": iris}
+        if not straight:
+            require_held(self._facts, wanted)
         self._go_on("lens")
         state = lens.state()
         if not state.homed:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from mvp.errors import CalibrationError
+
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from mvp.calibrated import LensTableCalibration, RigidCalibration
     from mvp.optics import LensSteps, LensTable, MotorAxis
+    from mvp.wizard import SessionFacts
 
 
 _SAME_ZOOM = 0.02
@@ -54,3 +57,26 @@ def beyond_words(narrowed: Sequence[MotorAxis], steps: LensSteps) -> tuple[str, 
         f"{a.name} steps {a.range_steps[0]} to {a.range_steps[1]}" for a, _ in beyond
     ]
     return ", ".join(ranges), ", ".join(f"{a.name} step {n}" for a, n in beyond)
+
+
+def require_held(facts: SessionFacts, steps: Mapping[str, int]) -> None:
+    """Refuse lens steps at which the table that a session builds on does not hold.
+
+    Args:
+        facts: of the session.
+        steps: zoom, focus and iris, before the lens is told.
+
+    Raises:
+        CalibrationError: nothing was measured there, and nobody accepted that.
+    """
+    for axis in _axes(facts.table_in_use):
+        low, high = axis.range_steps
+        step = steps[axis.name]
+        if not low <= step <= high:
+            raise CalibrationError(
+                f"`calibrate {facts.key}` needs {axis.name} step {step}, but the lens table "
+                f"holds from {low} to {high}",
+                hint="measure the lens over a wider range: mvp-cell calibrate lens CELL; or "
+                "take the responsibility with --accept-calibration REASON",
+                where="lens table",
+            )

@@ -97,7 +97,7 @@ def locate_part(
         views, reason = planned.plan.views, cell.accept_calibration
         for one in check_reliance(cell, devices, infos, KEY, reason, views):
             front.answer(Say(f"{one.text}; {one.fix}", "warning"))
-        facts = facts_of(cell, devices, infos, key=KEY, seed=seed)
+        facts = facts_of(cell, devices, infos, key=KEY, seed=seed, accepted=reason)
         store = wizard.sessions.create(folder.locating, facts)
         speed = start_speed(setting, devices, infos)
         bench = CellBench(setting, devices, facts, start_speed=speed)

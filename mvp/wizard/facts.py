@@ -29,6 +29,9 @@ FACTS_SCHEMA: Literal["mvp-cell/calibration-session/1"] = (
 )
 
 
+_BEFORE_LENS = ("camera", "lens")
+
+
 class TargetFacts(TargetPrint):
     """The printed target, how well its size is known, and roughly where it lies.
 
@@ -134,6 +137,19 @@ class SessionFacts(FileModel):
     def table(self) -> LensTable:
         """The lens as it is believed to be, with the tube that is mounted."""
         return LensTable.from_calibration(self.lens_table, tube_mm=self.tube_mm)
+
+    @property
+    def table_in_use(self) -> LensTable:
+        """The same where it holds, for what is built on it.
+
+        All of it for what is measured before it, and where a person took the
+        responsibility.
+
+        Raises:
+            CalibrationError: it holds nowhere.
+        """
+        whole = self.key in _BEFORE_LENS or self.accepted_calibration
+        return self.table.within(None if whole else self.lens_table.validity)
 
     def lens_at(self, steps: dict[str, int]) -> LensSetting:
         """f, d, a and e that the table tells for motor steps.

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from calibration.wizard.working import working_setting
+from mvp.calibrated import LensValidity
 from mvp.cell.calibrate_bench import CellBench
 from mvp.cell.calibrate_facts import facts_of
 from mvp.cell.calibrate_folders import (
@@ -16,10 +18,11 @@ from mvp.cell.calibrate_folders import (
     unfinished_session,
 )
 from mvp.cell.hardware import opened
+from mvp.cell.lens_validity import require_held
 from mvp.cell.loading import load_cell, load_task
 from mvp.cell.plan_job import prepare
 from mvp.cell.session import devices_for
-from mvp.errors import MotionStopped, RecordError, UsageError
+from mvp.errors import CalibrationError, MotionStopped, RecordError, UsageError
 from mvp.geometry import Pose
 from mvp.kinematics import inverse
 from mvp.wizard import Refusal, Stand, Way
@@ -28,18 +31,71 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from mvp.cell.plan_job import Setting
+    from mvp.wizard import SessionFacts
+
 _D_MM = 12.9
 
 
 @pytest.fixture(scope="module")
-def bench() -> Iterator[CellBench]:
+def setting() -> Setting:
     cell = load_cell("virtual_uncalibrated", accept_calibration="not measured yet")
-    setting = prepare(cell, load_task(cell, None))
+    return prepare(cell, load_task(cell, None))
+
+
+@pytest.fixture(scope="module")
+def bench(setting: Setting) -> Iterator[CellBench]:
+    cell = setting.cell
     with ExitStack() as stack:
         devices = stack.enter_context(devices_for(setting))
         infos = stack.enter_context(opened(devices))
         facts = facts_of(cell, devices, infos, key="camera", seed=0)
         yield CellBench(setting, devices, facts, start_speed=1.0)
+
+
+NARROW = LensValidity(
+    zoom_steps=(0, 20_000), focus_steps=(3000, 4000), iris_steps=(0, 600)
+)
+
+
+def held(bench: CellBench, key: str, accepted: str = "") -> SessionFacts:
+    """The same session for something else, on a table that holds in a part of it."""
+    table = bench.facts.lens_table.model_copy(update={"validity": NARROW})
+    return bench.facts.model_copy(
+        update={"key": key, "lens_table": table, "accepted_calibration": accepted}
+    )
+
+
+@pytest.mark.parametrize("key", ["hand-eye", "part"])
+def test_the_lens_is_not_driven_to_where_its_table_does_not_hold(
+    bench: CellBench, setting: Setting, key: str
+) -> None:
+    before = bench.devices.lens.state()
+    narrow = CellBench(setting, bench.devices, held(bench, key), start_speed=1.0)
+    with pytest.raises(CalibrationError, match="holds from 3000 to 4000") as refused:
+        narrow.set_lens(zoom=1000, focus=5000, iris=100)
+    assert f"`calibrate {key}` needs focus step 5000" in refused.value.message
+    assert "mvp-cell calibrate lens CELL" in refused.value.hint
+    assert bench.devices.lens.state() == before
+    require_held(held(bench, key), {"zoom": 1000, "focus": 3500, "iris": 100})
+
+
+@pytest.mark.parametrize(
+    ("key", "accepted"), [("camera", ""), ("lens", ""), ("hand-eye", "on my word")]
+)
+def test_what_comes_before_the_table_or_was_accepted_may_go_anywhere(
+    bench: CellBench, key: str, accepted: str
+) -> None:
+    facts = held(bench, key, accepted)
+    require_held(facts, {"zoom": 1000, "focus": 5000, "iris": 100})
+
+
+def test_hand_eye_is_measured_where_the_lens_table_holds(bench: CellBench) -> None:
+    wide = working_setting(held(bench, "camera"))
+    assert not 3000 <= wide.focus <= 4000
+    narrow = working_setting(held(bench, "hand-eye"))
+    assert 3000 <= narrow.focus <= 4000
+    require_held(held(bench, "hand-eye"), narrow.by_name)
 
 
 def above_target(bench: CellBench, height_mm: float, side_mm: float = 0.0) -> Pose:
