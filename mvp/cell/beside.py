@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 _STOP_AGAIN_S = 0.05
+_LOOK_S = 0.1
 _GIVE_UP_S = 30.0
 
 
@@ -113,7 +114,11 @@ def _tell(stop: Callable[[], object]) -> None:
         _LOG.error("stopping failed: %s", error)
 
 
-def call_beside(call: Callable[[], _T], stop: Callable[[], object]) -> _T:
+def call_beside(
+    call: Callable[[], _T],
+    stop: Callable[[], object],
+    meanwhile: Callable[[], None] | None = None,
+) -> _T:
     """Do something that moves in a thread of its own; Ctrl-C, once or often, stops it.
 
     A Ctrl-C that hit the driver itself would tear it out of the motion that it watches;
@@ -122,10 +127,12 @@ def call_beside(call: Callable[[], _T], stop: Callable[[], object]) -> _T:
     Args:
         call: what to do.
         stop: stops the devices, from any thread; called until ``call`` has come back.
+        meanwhile: called in this thread several times per second until then, but not
+            after a Ctrl-C. Where it fails nobody watches any more: that stops it, too.
 
     Raises:
         KeyboardInterrupt: after ``call`` has come back, or has not for 30 s.
-        Whatever ``call`` raises.
+        Whatever ``meanwhile`` or ``call`` raises.
     """
     outcome: Future[_T] = Future()
 
@@ -136,22 +143,25 @@ def call_beside(call: Callable[[], _T], stop: Callable[[], object]) -> _T:
             outcome.set_exception(error)
 
     beside = _Beside(work, "mvp-cell motion", daemon=True)
-    interrupted = False
+    look_s = None if meanwhile is None else _LOOK_S
+    ended_by: BaseException | None = None
     give_up_s = float("inf")
     while time.monotonic() < give_up_s:
         try:
-            if interrupted:
+            if ended_by is not None:
                 _tell(stop)
             beside.begin()
-            if beside.done.wait(_STOP_AGAIN_S if interrupted else None):
+            if beside.done.wait(_STOP_AGAIN_S if ended_by else look_s):
                 break
-        except KeyboardInterrupt:
+            if meanwhile is not None and ended_by is None:
+                meanwhile()
+        except (KeyboardInterrupt, Exception) as error:
             if not beside.begun:
                 beside.cancel()
                 raise
-            if not interrupted:
+            if ended_by is None:
                 give_up_s = time.monotonic() + _GIVE_UP_S
-            interrupted = True
-    if interrupted:
-        raise KeyboardInterrupt
+            ended_by = ended_by or error
+    if ended_by is not None:
+        raise ended_by
     return outcome.result()

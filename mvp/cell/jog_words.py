@@ -17,7 +17,10 @@ Quantity: TypeAlias = Literal["f", "d", "a"]
 Word: TypeAlias = Literal["where", "home", "see", "help", "quit"]
 _OPTICAL: tuple[Quantity, ...] = get_args(Quantity)
 _PLAIN: tuple[Word, ...] = get_args(Word)
-_KNOWN = (*_SHIFTS, *_TURNS, *AXES, *_OPTICAL, *_PLAIN, "frame", "shot", "exposure")
+_KNOWN = (
+    *(*_SHIFTS, *_TURNS, *AXES, *_OPTICAL, *_PLAIN),
+    *("frame", "shot", "live", "exposure"),
+)
 
 HELP = """\
 x y z NUMBER          shift the arm by mm, rx ry rz NUMBER turn it by deg, in the frame:
@@ -27,6 +30,8 @@ zoom focus iris N     motor to step N; +N or -N from where it is
 f d a NUMBER          lens to mm, through the lens table
 exposure NUMBER       of the next pictures, ms
 see                   the picture, in this window;  shot FILE.png  into a file
+live                  the picture and where all stands, again and again, until Enter
+live FILE.png         that file shows what the camera sees from now on;  live off
 where                 joints, pose, lens;  home  references of lens and gantry
 help, quit"""
 
@@ -87,6 +92,18 @@ class Shot:
 
 
 @dataclass(frozen=True)
+class Live:
+    """Pictures one after the other: into a file, or here where that is empty."""
+
+    file: str = ""
+
+
+@dataclass(frozen=True)
+class LiveOff:
+    """No more of them."""
+
+
+@dataclass(frozen=True)
 class Plain:
     """A word that needs nothing more."""
 
@@ -94,7 +111,7 @@ class Plain:
 
 
 JogCommand: TypeAlias = (
-    Shift | Joint | Steps | Optical | UseFrame | Expose | Shot | Plain
+    Shift | Joint | Steps | Optical | UseFrame | Expose | Shot | Live | LiveOff | Plain
 )
 
 
@@ -115,6 +132,8 @@ def parse(line: str) -> JogCommand:
         return _frame(rest)
     if word == "shot":
         return _shot(rest)
+    if word == "live":
+        return _live(rest)
     if word in _SHIFTS or word in _TURNS:
         turns = word in _TURNS
         along = _TURNS[word] if turns else _SHIFTS[word]
@@ -150,6 +169,17 @@ def _shot(rest: str) -> Shot:
     if not rest.lower().endswith(".png"):
         raise UsageError("shot needs the name of a .png file", hint="shot picture.png")
     return Shot(rest)
+
+
+def _live(rest: str) -> Live | LiveOff:
+    if rest.lower() == "off":
+        return LiveOff()
+    if rest and not rest.lower().endswith(".png"):
+        raise UsageError(
+            f"live shows the picture here, in a .png file, or is off, not {rest!r}",
+            hint="live, live picture.png, or live off",
+        )
+    return Live(rest)
 
 
 def _number(word: str, text: str) -> float:

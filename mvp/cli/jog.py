@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -19,7 +18,6 @@ from mvp.cli.options import (
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from mvp.cell.jog_job import Jogger
     from mvp.cell.plan_job import Setting
@@ -42,9 +40,10 @@ def jog(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> int:
-    """Move arm and lens by hand, and look at the picture.
+    """Move arm and lens by hand, and look at the live picture.
 
-    Inside the limits of a run; arm in base, tool or camera axes, lens in steps or mm. `help` lists the words.
+    Inside the limits of a run; arm in base, tool or camera axes, lens in steps or mm. A terminal shows where all is
+    while it moves; `live` shows what the camera sees, there or in a file. `help` lists the words.
     """
     from mvp.cell.hardware import check_driver_configs
     from mvp.cell.in_use import using_devices
@@ -67,7 +66,7 @@ def jog(
         phase(f"loading {loaded_task.part_file.name}")
         setting = prepare(loaded, loaded_task)
         with _allowed(setting, speed, yes=yes) as jogger:
-            _follow(jogger, do, cell)
+            _follow(jogger, do, cell, follow=sys.stderr.isatty() and not as_json)
             if as_json:
                 print_model(jogger.document())
     return 0
@@ -86,6 +85,7 @@ def _allowed(setting: Setting, speed: float, *, yes: bool) -> Iterator[Jogger]:
     from mvp.cell.session import Motion, devices_for
     from mvp.cell.standstill import stopped_on_error
     from mvp.cli.ask import allow_motion
+    from mvp.cli.picture import save_picture
     from mvp.cli.progress import phase
     from mvp.errors import StoppedByOperator
 
@@ -100,82 +100,55 @@ def _allowed(setting: Setting, speed: float, *, yes: bool) -> Iterator[Jogger]:
         motion = Motion(cell.config.name, 1, infos, homing, errand)
         if not allow_motion(motion, yes=yes):
             raise StoppedByOperator("the operator did not allow the arm to move")
-        jogger = Jogger(setting, devices, _save, _show, speed, homing_told=homing)
+        jogger = Jogger(
+            setting, devices, save_picture, _show, speed, homing_told=homing
+        )
+        # A motion is stopped before the live picture is, which may take its time.
+        stack.callback(_without_live, jogger)
         with stopped_on_error(devices, jogger.under_way, phase):
             yield jogger
 
 
-def _follow(jogger: Jogger, given: list[str] | None, cell: str) -> None:
+def _without_live(jogger: Jogger) -> None:
+    """Nobody uses the camera any more when it is closed."""
+    from mvp.cell.interrupts import uninterrupted
+    from mvp.cli.progress import phase
+
+    if jogger.live.is_on:
+        phase("ending the live picture")
+    with uninterrupted():
+        jogger.live.end()
+
+
+def _follow(
+    jogger: Jogger, given: list[str] | None, cell: str, *, follow: bool
+) -> None:
     """One command after the other; at the prompt a refusal ends only its command."""
-    from mvp.cell.beside import call_beside
     from mvp.cell.jog_words import Plain, parse
+    from mvp.cli.jog_screen import asked, carry_out, tell_news
     from mvp.cli.naming import named
     from mvp.cli.output import console
     from mvp.errors import InfeasibleError, LimitError, OutputError, UsageError
 
     say = console()
-    for line in given if given else _asked():
+    for line in given if given else asked(jogger.live):
         try:
             command = parse(line)
             if command == Plain("quit"):
                 return
-            said = call_beside(partial(jogger.do, command), jogger.devices.stop)
+            said = carry_out(jogger, command, follow=follow)
             say.print(said, markup=False, highlight=False)
         except (UsageError, LimitError, InfeasibleError, OutputError) as error:
             if given:
                 raise
             hint = named(error.hint, cell)
             say.print(f"{error.message}. {hint}", style="yellow", markup=False)
-
-
-def _asked() -> Iterator[str]:
-    """Lines typed at the prompt, until the end of input."""
-    sys.stderr.write("help lists the words, quit ends\n")
-    while True:
-        sys.stderr.write("jog> ")
-        sys.stderr.flush()
-        line = sys.stdin.readline()
-        if not line:
-            return
-        if line.strip():
-            yield line
-
-
-def _save(path: Path, frame: Frame) -> None:
-    """The picture as it is, lossless."""
-    import cv2
-
-    from mvp.errors import OutputError
-
-    done, data = cv2.imencode(".png", frame.pixels)
-    try:
-        path.write_bytes(data.tobytes() if done else b"")
-    except OSError as error:
-        raise OutputError(
-            f"{path}: {error.strerror or error}",
-            hint="name a file in a folder that can be written",
-            where=str(path),
-        ) from error
+        tell_news(jogger.live)
 
 
 def _show(frame: Frame) -> None:
-    """The picture as grey blocks, two rows of pixels in a line of text."""
-    import cv2
-    import numpy as np
-    from rich.text import Text
-
+    """The picture as grey blocks, in the terminal."""
     from mvp.cli.output import console
+    from mvp.cli.picture import show_picture
 
-    say = console()
-    width = max(min(say.width - 1, 160), 20)
-    rows, columns = frame.pixels.shape
-    height = max(round(width * rows / columns / 2), 2) * 2
-    small = cv2.resize(frame.pixels, (width, height), interpolation=cv2.INTER_AREA)
-    grey = (small.astype(np.float64) * 255 / frame.full_scale).round().astype(int)
-    for above, below in zip(grey[0::2], grey[1::2], strict=True):
-        line = Text(no_wrap=True, end="\n")
-        for top, bottom in zip(above, below, strict=True):
-            line.append(
-                "\u2580", f"rgb({top},{top},{top}) on rgb({bottom},{bottom},{bottom})"
-            )
-        say.print(line, end="")
+    show_picture(frame, console())

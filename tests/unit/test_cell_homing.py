@@ -12,6 +12,7 @@ import pytest
 from mvp.cell.homing import home_arm, homing_of, is_homed
 from mvp.cell.jog_job import Jogger
 from mvp.cell.jog_words import Plain
+from mvp.cell.loading import load_cell
 from mvp.cell.session import Motion
 from mvp.cli import ask as asking
 from mvp.devices import DeclaresAxes, DeviceInfo, Homable, Homing
@@ -214,24 +215,24 @@ def test_what_is_believed_is_kept_with_whose_word_it_is() -> None:
 
 
 def jogger_of(arm: Slides, simulated: frozenset[str] = frozenset()) -> Jogger:
-    lens = SimpleNamespace(home=lambda timeout_s: SimpleNamespace(steps=dict))
+    steps = {"zoom": 0, "focus": 0, "iris": 0}
+    lens = SimpleNamespace(home=lambda timeout_s: SimpleNamespace(steps=steps.copy))
     devices = SimpleNamespace(
         arm=arm, lens=lens, simulated_roles=simulated, stop=lambda: None
     )
     setting = SimpleNamespace(
         arm=SimpleNamespace(
             bodies=bodies_with((400, 400, 0), (500, 500, 100)), clearance_mm=5.0
-        )
+        ),
+        cell=load_cell("virtual"),
     )
-    jogger = Jogger(
+    return Jogger(
         cast("Setting", setting),
         cast("CellDevices", devices),
         lambda path, frame: None,
         lambda frame: None,
         0.1,
     )
-    jogger._lens_text = lambda steps: "homed"  # type: ignore[method-assign]  # noqa: SLF001
-    return jogger
 
 
 def test_jogging_homes_only_when_told_twice_what_it_would_move() -> None:

@@ -1,0 +1,53 @@
+"""One picture whose exposure begins after it was asked for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mvp.errors import DeviceFault
+
+if TYPE_CHECKING:
+    from mvp.devices import Camera, Clock, Frame
+
+PICTURE_SPARE_S = 10.0
+
+
+def picture_s(exposure_s: float, spare_s: float = PICTURE_SPARE_S) -> float:
+    """How long a picture may take, s: a few exposures, and what camera and line need."""
+    return 4 * exposure_s + spare_s
+
+
+def fresh_frame(
+    camera: Camera,
+    clock: Clock,
+    *,
+    exposure_s: float,
+    gain: float = 1.0,
+    spare_s: float = PICTURE_SPARE_S,
+) -> Frame:
+    """Set the exposure and take one frame that begins after now.
+
+    Args:
+        camera: open; nobody else uses it meanwhile.
+        clock: the devices' own.
+        exposure_s: inside the camera's range.
+        gain: factor.
+        spare_s: waited beside the exposures themselves.
+
+    Raises:
+        DeviceFault: the frame says that it began earlier, or a setting did not take.
+        DeviceTimeout, LinkLost, MotionStopped: see ``Camera.capture``.
+    """
+    camera.configure(exposure_s=exposure_s, gain=gain)
+    not_before_s = clock.now_s()
+    frame = camera.capture(
+        not_before_s=not_before_s, timeout_s=picture_s(exposure_s, spare_s)
+    )
+    if frame.exposure_start_s < not_before_s:
+        raise DeviceFault(
+            "the frame's exposure began before it was asked for, when arm or lens may "
+            "not have stood still",
+            device=camera.name,
+            hint="the camera's time stamps cannot be trusted; use its software trigger",
+        )
+    return frame
