@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mvp.errors import ConnectError
+from mvp.errors import ConnectError, LinkLost
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -53,14 +53,32 @@ class Replay:
         self._pictures = None
 
     def next(self) -> NDArray[np.uint8] | NDArray[np.uint16] | None:
-        """The next picture, grey or colour; None after the last one."""
+        """The next picture, grey or colour; None after the last one.
+
+        Raises:
+            LinkLost: what there was to read is gone; looked for anew at the next call.
+        """
         if self._pictures is None:
             return None
-        picture = next(self._pictures, None)
-        if picture is None and self._loop:
+        try:
+            picture = next(self._pictures, None)
+            if picture is not None or not self._loop:
+                return picture
             self._pictures = self._each()
             picture = next(self._pictures, None)
+        except OSError as error:
+            self._pictures = self._each()
+            raise self._gone(str(error.strerror)) from error
+        if picture is None:
+            raise self._gone("it has no picture any more")
         return picture
+
+    def _gone(self, why: str) -> LinkLost:
+        return LinkLost(
+            f"{self._path} cannot be read any more: {why}",
+            device=self._device,
+            hint="bring the film or the pictures back; it then begins anew",
+        )
 
     def _each(self) -> Iterator[NDArray[np.uint8] | NDArray[np.uint16]]:
         return self._in_folder() if self._path.is_dir() else self._in_film()

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import itertools
 import logging
-from contextlib import contextmanager
+import time
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
+from unittest import SkipTest
 
 import numpy as np
 
 from mvp.devices import Camera
 from mvp.errors import (
     ConnectError,
+    DeviceError,
     DeviceFault,
     DeviceTimeout,
     LimitError,
@@ -26,16 +29,21 @@ if TYPE_CHECKING:
 
     from mvp.devices import Frame, Role
 
+_READ_AHEAD = 8  # frames
+_TRIES = 5
+
 
 class CameraConformance(DeviceConformance):
     """Promises of ``mvp.devices.Camera``.
 
     Attributes:
         asleep_s: longer than it takes to fill any queue of frames.
+        lost_within_s: the longest that a capture may take to notice it.
     """
 
     role: ClassVar[Role] = "camera"
     asleep_s: ClassVar[float] = 1.5
+    lost_within_s: ClassVar[float] = 20.0
 
     def device(self) -> Camera:
         """A new camera, not yet opened."""
@@ -44,6 +52,17 @@ class CameraConformance(DeviceConformance):
     def now_s(self) -> float:
         """The clock of the camera's time stamps."""
         raise TypeError("the camera's suite needs now_s()")
+
+    def lose(self) -> None:
+        """Part the camera from the program: kill its far end, pull the plug.
+
+        Raises:
+            SkipTest: why nothing can part them; what is said where this is not given.
+        """
+        raise SkipTest("nobody has said how this camera is lost")
+
+    def bring_back(self) -> None:
+        """Undo ``lose``."""
 
     @contextmanager
     def ready(self) -> Iterator[Camera]:
@@ -185,6 +204,45 @@ class CameraConformance(DeviceConformance):
                 DeviceTimeout,
                 lambda: camera.capture(not_before_s=later, timeout_s=0.2),
             )
+
+    def test_a_lost_camera_is_an_error_and_has_its_settings_again(self) -> None:
+        """DeviceError in time; then frames as before, at the latest once opened anew."""
+        with self.ready() as camera:
+            low, high = camera.exposure_range_s()
+            asked = min(max(0.007, low), high)
+            camera.configure(exposure_s=asked)
+            before = self._capture(camera)
+            self.lose()
+            self._ends_in_an_error(camera)
+            self.bring_back()
+            after = self._taken_again(camera)
+        require(abs(after.exposure_s - asked) <= 0.01 * asked, "another exposure")
+        require(after.pixels.shape == before.pixels.shape, "another size")
+
+    def _ends_in_an_error(self, camera: Camera) -> None:
+        """What had been read ahead may still come; then an error, and no waiting."""
+        for _ in range(_READ_AHEAD):
+            begun_s = time.monotonic()
+            try:
+                camera.capture(not_before_s=self.now_s(), timeout_s=TIMEOUT_S)
+            except DeviceError:
+                took_s = time.monotonic() - begun_s
+                require(took_s <= self.lost_within_s, f"noticed only after {took_s} s")
+                return
+        raise AssertionError("a camera that is gone goes on to deliver")
+
+    def _taken_again(self, camera: Camera) -> Frame:
+        """A fresh frame, from the second try on after closing and opening."""
+        last: DeviceError | None = None
+        for _ in range(_TRIES):
+            try:
+                return self._check_age(camera, self.now_s())
+            except DeviceError as error:
+                last = error
+            with suppress(DeviceError):
+                camera.close()
+                camera.open()
+        raise AssertionError("it does not come back") from last
 
     def test_stop_from_another_thread_ends_the_waiting(self) -> None:
         """MotionStopped at once; the next capture works."""

@@ -12,6 +12,7 @@ import pytest
 from drivers._genicam import installed_backends
 from drivers.camera_genicam import GenicamCamera
 from drivers.camera_opencv import OpencvCamera
+from drivers.simulators.control import ControlClient
 from drivers.simulators.mjpeg import MjpegSimulator, MjpegSimulatorConfig
 from mvp.devices import Camera, DeviceContext
 from mvp.testing import CameraConformance
@@ -43,8 +44,14 @@ class _Genicam(_OnTheWall):
         problem = installed_backends()[self.backend]
         if problem:
             pytest.skip(problem)
-        fake = request.getfixturevalue("gv_camera")
-        self.settings = {"address": fake.host, "serial": fake.serial}
+        self.fake = request.getfixturevalue("gv_camera")
+        self.settings = {"address": self.fake.host, "serial": self.fake.serial}
+
+    def lose(self) -> None:
+        self.fake.kill()
+
+    def bring_back(self) -> None:
+        self.fake.start()
 
     def device(self) -> Camera:
         config = GenicamCamera.Config.model_validate(
@@ -77,8 +84,16 @@ class TestPictureFolder(_Opencv):
 
     @pytest.fixture(autouse=True)
     def _folder(self, tmp_path: Path) -> None:
-        _pictures(tmp_path, 3)
-        self.settings = {"source": str(tmp_path), "loop": True}
+        self.place = tmp_path / "pictures"
+        self.place.mkdir()
+        _pictures(self.place, 3)
+        self.settings = {"source": str(self.place), "loop": True}
+
+    def lose(self) -> None:
+        self.place.rename(self.place.with_name("elsewhere"))
+
+    def bring_back(self) -> None:
+        self.place.with_name("elsewhere").rename(self.place)
 
 
 class TestFilm(_Opencv):
@@ -86,12 +101,19 @@ class TestFilm(_Opencv):
 
     @pytest.fixture(autouse=True)
     def _film(self, tmp_path: Path) -> None:
-        path = str(tmp_path / "film.avi")
+        self.place = tmp_path / "film.avi"
+        path = str(self.place)
         film = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
         for level in (10, 100, 200):
             film.write(np.full((48, 64, 3), level, np.uint8))
         film.release()
         self.settings = {"source": path, "loop": True}
+
+    def lose(self) -> None:
+        self.place.rename(self.place.with_name("elsewhere.avi"))
+
+    def bring_back(self) -> None:
+        self.place.with_name("elsewhere.avi").rename(self.place)
 
 
 class TestMotionJpegOverHttp(_Opencv):
@@ -101,4 +123,11 @@ class TestMotionJpegOverHttp(_Opencv):
         simulator = MjpegSimulator.from_config(config, DeviceContext(), name="camera")
         with simulator:
             self.settings = simulator.start()
-            yield
+            with ControlClient(simulator.control_port) as self.faults:
+                yield
+
+    def lose(self) -> None:
+        self.faults.do("kill")
+
+    def bring_back(self) -> None:
+        self.faults.do("restart")

@@ -2,6 +2,8 @@ import math
 
 import pytest
 
+from drivers.virtual_settings import Faults
+from drivers.virtual_world import VirtualWorld
 from mvp.devices import Arm, Camera, Lens
 from mvp.testing import (
     ArmConformance,
@@ -54,3 +56,13 @@ class TestVirtualCamera(CameraConformance):
 
     def now_s(self) -> float:
         return self.cell.clock.now_s()
+
+    def lose(self) -> None:
+        world = self.cell.world
+        assert isinstance(world, VirtualWorld)
+        world.inject(Faults.model_validate({"camera": {"dead_after_frames": 0}}))
+
+    def bring_back(self) -> None:
+        world = self.cell.world
+        assert isinstance(world, VirtualWorld)
+        world.inject(Faults())
