@@ -16,6 +16,7 @@ import numpy as np
 from mvp.cell.arrival import arrival_tolerance
 from mvp.cell.calibrate_target import target_corners_mm, target_obstacle
 from mvp.cell.calibrated_devices import require_size
+from mvp.cell.fresh_frame import fresh_frame
 from mvp.cell.lens_validity import require_held
 from mvp.cell.locate_sights import TaskSights
 from mvp.cell.standstill import UnderWay
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
 _ARM_SPARE_S = 15.0
 _LENS_TIMEOUT_S = 120.0
-_CAPTURE_SPARE_S = 30.0  # a camera that is simulated draws for seconds
+_PICTURE_SPARE_S = 30.0  # a camera that is simulated draws for seconds
 _FIRST_GUESS_S = 0.01
 _METERING_FRAMES = 8
 _BRIGHT_PERCENTILE = 99.5
@@ -319,18 +320,12 @@ class CellBench:
         """One frame whose exposure begins after now."""
         self._go_on("camera")
         camera = self.devices.camera
-        camera.configure(exposure_s=exposure_s, gain=1.0)
-        not_before_s = self.devices.clock.now_s()
-        frame = camera.capture(
-            not_before_s=not_before_s, timeout_s=4 * exposure_s + _CAPTURE_SPARE_S
+        frame = fresh_frame(
+            camera,
+            self.devices.clock,
+            exposure_s=exposure_s,
+            spare_s=_PICTURE_SPARE_S,
         )
-        if frame.exposure_start_s < not_before_s:
-            raise DeviceFault(
-                "the frame's exposure began before arm and lens stood still",
-                device=camera.name,
-                hint="the camera's time stamps cannot be trusted; use its software "
-                "trigger",
-            )
         require_size(frame, self._facts.camera, camera.name)
         return frame
 

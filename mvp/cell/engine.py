@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 import numpy as np
 
 from mvp.cell.calibrated_devices import require_size
+from mvp.cell.fresh_frame import fresh_frame
 from mvp.cell.records import Captured, CaptureTimes, Reached, Verified
 from mvp.cell.standstill import until
 from mvp.cell.stopping import stop_all
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _ARM_SPARE_S = 15.0
 _LENS_TIMEOUT_S = 120.0
-_CAPTURE_SPARE_S = 10.0
 _STOP_S = 5.0
 
 ExposureSource: TypeAlias = Literal["task", "metered"]
@@ -306,19 +306,9 @@ class CellEngine:
     def _shoot(self, exposure_s: float, gain: float) -> Frame:
         """One frame whose exposure begins after now."""
         camera = self._devices.camera
-        camera.configure(exposure_s=exposure_s, gain=gain)
-        not_before_s = self._devices.clock.now_s()
-        frame = camera.capture(
-            not_before_s=not_before_s,
-            timeout_s=4 * exposure_s + _CAPTURE_SPARE_S,
+        frame = fresh_frame(
+            camera, self._devices.clock, exposure_s=exposure_s, gain=gain
         )
-        if frame.exposure_start_s < not_before_s:
-            raise DeviceFault(
-                "the frame's exposure began before arm and lens stood still",
-                device=camera.name,
-                hint="the camera's time stamps cannot be trusted; use its software "
-                "trigger",
-            )
         if self._calibrated is not None:
             require_size(frame, self._calibrated, camera.name)
         self._frame = frame

@@ -9,12 +9,7 @@ from mvp.errors import DeviceFault
 if TYPE_CHECKING:
     from mvp.devices import Camera, Clock, Frame
 
-PICTURE_SPARE_S = 10.0
-
-
-def picture_s(exposure_s: float, spare_s: float = PICTURE_SPARE_S) -> float:
-    """How long a picture may take, s: a few exposures, and what camera and line need."""
-    return 4 * exposure_s + spare_s
+_SPARE_S = 10.0
 
 
 def fresh_frame(
@@ -23,7 +18,7 @@ def fresh_frame(
     *,
     exposure_s: float,
     gain: float = 1.0,
-    spare_s: float = PICTURE_SPARE_S,
+    spare_s: float = _SPARE_S,
 ) -> Frame:
     """Set the exposure and take one frame that begins after now.
 
@@ -32,7 +27,7 @@ def fresh_frame(
         clock: the devices' own.
         exposure_s: inside the camera's range.
         gain: factor.
-        spare_s: waited beside the exposures themselves.
+        spare_s: waited beside a few exposures, for what camera and line need.
 
     Raises:
         DeviceFault: the frame says that it began earlier, or a setting did not take.
@@ -41,7 +36,7 @@ def fresh_frame(
     camera.configure(exposure_s=exposure_s, gain=gain)
     not_before_s = clock.now_s()
     frame = camera.capture(
-        not_before_s=not_before_s, timeout_s=picture_s(exposure_s, spare_s)
+        not_before_s=not_before_s, timeout_s=4 * exposure_s + spare_s
     )
     if frame.exposure_start_s < not_before_s:
         raise DeviceFault(
