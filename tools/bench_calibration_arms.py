@@ -5,8 +5,8 @@
 The wizard chooses its views on the uncalibrated virtual cell, where lens, camera, hand-eye,
 target and arm are drawn anew for every seed; points are drawn with noise where the truth
 puts them, instead of being found in pictures. The views of a session are then taken once
-more with other truths and with arms whose errors change over seven and over thirty degrees
-of a joint.
+more with other truths, with an arm without errors, and with arms whose errors change over
+seven and over thirty degrees of a joint.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from calibration.poses import difference, only
-from calibration.projection import PinholeCamera, project
+from calibration.projection import CAMERA_NAMES, PinholeCamera, project
 from calibration.targets.detect import Detection
 from calibration.wizard.hand_eye import HandEyeWizard
 from calibration.wizard.hand_eye_result import outcome_of
@@ -32,6 +32,7 @@ from calibration.wizard.session_store import Finding, SessionStore
 from calibration.wizard.working import working_setting
 from drivers.virtual_arm_truth import true_flange
 from drivers.virtual_settings import WorldErrors
+from mvp.calibrated import NamedCovariance
 from mvp.cell.calibrate_facts import target_facts
 from mvp.cell.check_job import load_unjudged
 from mvp.geometry import Pose
@@ -49,8 +50,17 @@ from mvp.wizard import (
 from tools.bench_calibration_sessions import coverage
 
 NOISE_PX = 0.04
-D_SIGMA_MM, CENTRE_SIGMA_PX, K1_SIGMA = 0.006, 0.35, 0.002
-K1 = -0.06
+D_SIGMA_MM, K1 = 0.006, -0.06
+# What a session of the camera wizard leaves open; the decentring goes with the centre.
+LEFT_OPEN = {
+    "cx_px": 0.35,
+    "cy_px": 0.3,
+    "k1": 0.002,
+    "k2": 0.03,
+    "p1": 6e-5,
+    "p2": 7e-5,
+}
+TOGETHER = {("k1", "k2"): -0.9, ("cx_px", "p2"): 0.9, ("cy_px", "p1"): 0.7}
 HAND_DEG, HAND_MM, TARGET_DEG, TARGET_MM = 0.4, 1.5, 0.7, 2.5
 LOW_MM, HIGH_MM, BORDER_PX = 30.0, 700.0, 6.0
 AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -66,6 +76,7 @@ class Arm:
 
 
 ARMS = {
+    "no errors": Arm(0.0, 0.0),
     "over 7 deg": Arm(),
     "over 30 deg": Arm(per_rad=2.0),
 }
@@ -84,14 +95,13 @@ class PointsBench:
         lens = self.facts.lens_at(self._setting.by_name)
         near = camera_at(self.facts, lens)
         share = 1 + rng.normal(0, D_SIGMA_MM) / lens.d_mm
-        centre = rng.normal(0, CENTRE_SIGMA_PX, 2)
-        self._camera = PinholeCamera(
-            near.fx_px * share,
-            near.fy_px * share,
-            near.cx_px + centre[0],
-            near.cy_px + centre[1],
-            near.k1 + rng.normal(0, K1_SIGMA),
-        )
+        off = rng.multivariate_normal(np.zeros(len(LEFT_OPEN)), _left_open())
+        values = dict(zip(CAMERA_NAMES, near.values, strict=True))
+        for name, value in zip(LEFT_OPEN, off, strict=True):
+            values[name] += value
+        values["fx_px"] *= share
+        values["fy_px"] *= share
+        self._camera = PinholeCamera.from_values(list(values.values()))
         believed = self.facts.tool_from_camera(lens.d_mm)
         self.hand = believed @ _small("camera", HAND_DEG, HAND_MM, rng)
         target = self.facts.target
@@ -196,9 +206,8 @@ def _facts(seed: int) -> SessionFacts:
     """The uncalibrated cell, after its camera and lens were calibrated."""
     cell = load_unjudged("virtual_uncalibrated")
     told, config = cell.calibrations, cell.config
-    spread = {"centre_x_px": CENTRE_SIGMA_PX, "centre_y_px": CENTRE_SIGMA_PX}
-    spread["k1"] = K1_SIGMA
-    camera = told.camera.model_copy(update={"standard_deviation": spread, "k1": K1})
+    known = NamedCovariance(parameters=list(LEFT_OPEN), matrix=_left_open().tolist())
+    camera = told.camera.model_copy(update={"covariance": known, "k1": K1})
     lens = told.lens_table.model_copy(update={"d_standard_deviation_mm": D_SIGMA_MM})
     stated = config.uncertainty
     return SessionFacts(
@@ -223,6 +232,16 @@ def _facts(seed: int) -> SessionFacts:
         workspace_high_mm=config.workspace.high_mm,
         temperature_c=20.0,
     )
+
+
+def _left_open() -> np.ndarray:
+    """Covariance of what the camera calibration leaves open."""
+    names, sigmas = list(LEFT_OPEN), np.array(list(LEFT_OPEN.values()))
+    shares = np.eye(len(names))
+    for (one, other), share in TOGETHER.items():
+        place = names.index(one), names.index(other)
+        shares[place] = shares[place[::-1]] = share
+    return np.asarray(shares * np.outer(sigmas, sigmas))
 
 
 def _small(frame: str, deg: float, mm: float, rng: np.random.Generator) -> Pose:

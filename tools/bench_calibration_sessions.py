@@ -1,6 +1,7 @@
-"""Whole lens sessions on cells whose truth is drawn: do the stated intervals hold?
+"""Whole sessions on cells whose truth is drawn: do the stated intervals hold?
 
-    python tools/bench_calibration_sessions.py --seeds 20 --first 0
+    python tools/bench_calibration_sessions.py lens --seeds 20 --first 0
+    python tools/bench_calibration_sessions.py camera --seeds 20
 
 Every seed is a cell of its own: its lens, camera, hand-eye, target and arm are not what
 the session is told. Every error is divided by the standard deviation stated with it.
@@ -18,6 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from calibration.wizard.camera import CameraWizard
 from calibration.wizard.lens import LensWizard
 from calibration.wizard.lens_plan import Grid
 from calibration.wizard.session_store import SessionStore
@@ -58,13 +60,34 @@ def lens_errors(cell: DrawnCell, outcome: Outcome) -> Iterator[tuple[str, float]
         yield from ((name, float(value)) for value in values)
 
 
-def errors_of(seed: int) -> list[tuple[str, float]]:
+def camera_session(cell: DrawnCell, folder: Path) -> Outcome:
+    """The camera wizard."""
+    store = SessionStore.create(folder, cell.told("camera"))
+    return driven(CameraWizard(), cell, store)
+
+
+def camera_errors(cell: DrawnCell, outcome: Outcome) -> Iterator[tuple[str, float]]:
+    """Of principal point and distortion; the focal length is the lens wizard's."""
+    found = outcome.document
+    for name in ("centre_x_px", "centre_y_px", "k1", "k2", "p1", "p2"):
+        error = getattr(found, name) - getattr(cell.camera, name)
+        yield f"camera {name}", error / found.standard_deviation[name]
+
+
+SESSIONS = {
+    "lens": (lens_session, lens_errors),
+    "camera": (camera_session, camera_errors),
+}
+
+
+def errors_of(kind: str, seed: int) -> list[tuple[str, float]]:
     """Errors by their stated sigma of a whole session on one cell."""
+    session, errors = SESSIONS[kind]
     cell = DrawnCell(seed)
     try:
         with tempfile.TemporaryDirectory() as folder:
-            outcome = lens_session(cell, Path(folder) / "lens")
-            return list(lens_errors(cell, outcome))
+            outcome = session(cell, Path(folder) / kind)
+            return list(errors(cell, outcome))
     finally:
         cell.close()
 
@@ -86,12 +109,13 @@ def coverage(rows: list[tuple[str, float]]) -> Iterator[str]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("kind", choices=sorted(SESSIONS))
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     asked = parser.parse_args()
     rows: list[tuple[str, float]] = []
     for seed in range(asked.first, asked.first + asked.seeds):
-        mine = errors_of(seed)
+        mine = errors_of(asked.kind, seed)
         rows += mine
         words = " ".join(f"{value:+.2f}" for _, value in mine)
         print(f"seed {seed}: {words}", file=sys.stderr, flush=True)
