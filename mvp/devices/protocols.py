@@ -8,6 +8,8 @@ Promises kept by every driver and proved by ``mvp.testing``:
   raises ``LimitError`` and cannot move;
 - ``stop`` may be called from any thread, at any time, more than once, and makes a
   motion in progress raise ``MotionStopped``;
+- the state may be asked for from any thread, also during a motion, which goes on all the
+  same; a device that cannot tell it then raises ``DeviceError`` or says where it was;
 - a time-out is an error, nothing is clamped, nothing is retried.
 """
 

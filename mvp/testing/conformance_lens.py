@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 from mvp.devices import AXES, Axis, DrivesStraight, Lens
 from mvp.errors import ConnectError, DeviceTimeout, LimitError, MotionStopped
 from mvp.testing.conformance import TIMEOUT_S, DeviceConformance
-from mvp.testing.require import meanwhile, refuses, require
+from mvp.testing.require import meanwhile, refuses, require, watched
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -83,11 +83,12 @@ class LensConformance(DeviceConformance):
             require(state.homed and state.standing, f"after homing: {state}")
 
     def test_a_move_returns_what_was_reached(self) -> None:
-        """From both sides, exactly, and standing."""
+        """From both sides, exactly, and standing, whoever asked meanwhile."""
         with self.homed() as lens:
             for share in (0.3, 0.7, 0.5):
                 target = self.inside(lens, share)
-                reached = _move(lens, target)
+                with watched(lens.state):
+                    reached = _move(lens, target)
                 require(reached.steps() == target, f"{reached} instead of {target}")
                 require(reached.standing, "returned while it still moves")
                 require(lens.state().steps() == target, "state() differs")

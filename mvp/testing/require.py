@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
+from mvp.errors import DeviceError
+
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 _Error = TypeVar("_Error", bound=BaseException)
 _PATIENCE_S = 20.0
 _POLL_S = 0.001
+_WATCH_S = 0.02
 
 
 def require(condition: object, message: str) -> None:
@@ -64,6 +68,35 @@ def meanwhile(
         worker.join(_PATIENCE_S)
     require(not worker.is_alive(), "the action never came back")
     return outcome[0]
+
+
+@contextmanager
+def watched(ask: Callable[[], object]) -> Iterator[None]:
+    """Ask a device again and again from another thread, as one who follows a motion.
+
+    It may refuse to answer with a ``DeviceError``; anything else fails the test.
+    """
+    ending = threading.Event()
+    failures: list[BaseException] = []
+
+    def watch() -> None:
+        while not failures and not ending.wait(_WATCH_S):
+            try:
+                ask()
+            except DeviceError:
+                continue
+            except BaseException as error:
+                failures.append(error)
+
+    watcher = threading.Thread(target=watch, name="conformance watcher")
+    watcher.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        watcher.join(_PATIENCE_S)
+    require(not watcher.is_alive(), "a question during a motion never came back")
+    require(not failures, f"asked during a motion it raised {failures}")
 
 
 def nothing_in_the_way(start: tuple[float, ...], end: tuple[float, ...]) -> None:
