@@ -41,6 +41,7 @@ class FarEnd:
         self._changed = threading.Condition()
         self._incoming: deque[bytes] = deque()
         self._open = False
+        self._reading = False
 
     @property
     def address(self) -> str:
@@ -94,11 +95,26 @@ class FarEnd:
             LinkLost: unplugged or not open.
         """
         with self._changed:
+            self._reading = True
+            self._changed.notify_all()
             self._changed.wait_for(
                 lambda: self._incoming or self.unplugged or not self._open, timeout_s
             )
+            self._reading = False
             self._require()
             return self._incoming.popleft() if self._incoming else b""
+
+    def wait_heard(self, timeout_s: float) -> bool:
+        """Until everything that was said has been read, and somebody waits for more.
+
+        Returns:
+            False when that did not come about in time.
+        """
+        with self._changed:
+            return self._changed.wait_for(
+                lambda: not self._open or (self._reading and not self._incoming),
+                timeout_s,
+            )
 
     def _require(self) -> None:
         if self.unplugged or not self._open:

@@ -17,8 +17,8 @@ from mvp.devices import DeviceContext, Lens
 from mvp.errors import DeviceError
 from mvp.fileedge import FileModel
 from mvp.testing import FarEnd
-from tests.fuzzing import Mutants, at_length, fuzz
-from tests.wire.still_wire import StillWire
+from tests.fuzzing import at_length
+from tests.wire.still_wire import Damaged, fuzz_conversations
 
 SCF4 = {
     b"$S\n": b"EVB.1.0.2, SCF4-M RevB, Kurokesu, 5DDF\r\n",
@@ -155,28 +155,19 @@ def obeys(sent: bytes) -> bytes:
     return b"OK\r\n"
 
 
-class Damaged:
-    """A far end that damages some of its answers, and says what nobody asked for."""
-
-    def __init__(self, table: dict[bytes, bytes]) -> None:
-        meant = [bytes([b]) for b in MEANT.tolist()] + [b"OK\r\n", b"\xff\x90"]
-        self.wire = StillWire(self.answer)
-        self.share = 0.0
-        self._table = table
-        self.mutants = Mutants([*table.values(), obeys(b""), obeys(b"\x66")], meant)
-
-    def answer(self, sent: bytes) -> bytes:
-        said = self._table.get(sent) or obeys(sent)
-        damaged = self.mutants.rng.random() < self.share
-        return self.mutants.next(said) if damaged else said
+def damaged(table: dict[bytes, bytes]) -> Damaged:
+    """A board that damages some of its answers."""
+    meant = [bytes([b]) for b in MEANT.tolist()] + [b"OK\r\n", b"\xff\x90"]
+    good = [*table.values(), obeys(b""), obeys(b"\x66")]
+    return Damaged(lambda sent: table.get(sent) or obeys(sent), good, meant)
 
 
-def converses(lens: Lens, far_end: Damaged, unasked: bytes) -> None:
+def converses(lens: Lens, board: Damaged, unasked: bytes) -> None:
     """All that a lens does, each time answered by anything."""
-    far_end.share = 0.5 if unasked[:1] > b"\x40" else 0.1
+    board.share = 0.5 if unasked[:1] > b"\x40" else 0.1
     for act in (
         lens.open,
-        lambda: far_end.wire.say(unasked),
+        lambda: board.far_end.say(unasked),
         lens.state,
         lambda: lens.home(timeout_s=900),
         lens.state,
@@ -190,21 +181,11 @@ def converses(lens: Lens, far_end: Damaged, unasked: bytes) -> None:
 @at_length
 @pytest.mark.parametrize("make", AT_LENGTH)
 def test_whatever_is_answered_it_is_a_device_error_at_length(make: str) -> None:
-    """100,000 damaged answers and greetings; it works as ever after each round."""
     driver, table, ask, expected = AT_LENGTH[make]
-    far_end = Damaged(table)
-    lens = driver.from_config(
-        config_of(make),
-        DeviceContext(transports=far_end.wire.as_link, clock=far_end.wire),
-        name="lens",
-    )
+    board = damaged(table)
+    lens = driver.from_config(config_of(make), board.context(), name="lens")
 
-    def survived(unasked: bytes) -> None:
-        converses(lens, far_end, unasked)
-        far_end.share = 0.0
-        lens.close()
-        lens.open()
+    def check() -> None:
         assert ask(lens) == expected
-        lens.close()
 
-    fuzz(survived, far_end.mutants)
+    fuzz_conversations(lens, board, lambda said: converses(lens, board, said), check)

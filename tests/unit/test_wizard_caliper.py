@@ -16,6 +16,7 @@ from mvp.cell.calibrate_facts import keep_size, stored_size, target_facts
 from mvp.cell.loading import load_cell
 from mvp.errors import CalibrationError
 from mvp.wizard import Ask, Say, SessionFacts, Word
+from tests.wizard_play import played
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,17 +51,7 @@ def facts() -> SessionFacts:
 
 def told(store: SessionStore, **answers: list[Answer]) -> list[Step]:
     """What is shown while a person answers; the default where there is no answer."""
-    steps, shown, answer = size_told(store), [], None
-    while True:
-        try:
-            step = steps.send(answer)
-        except StopIteration:
-            return shown
-        shown.append(step)
-        answer = None
-        if isinstance(step, Ask):
-            left = answers.get(step.key)
-            answer = left.pop(0) if left else step.default
+    return played(size_told(store), lambda asked: answers.get(asked.key, []))
 
 
 def asked(shown: list[Step]) -> list[str]:

@@ -15,6 +15,7 @@ from calibration.wizard.touch import TOUCHED, touched, with_touch
 from mvp.calibrated import Quality
 from mvp.cli.wizard_view import TerminalView
 from mvp.wizard import Ask, Outcome, Say, Wait, Word
+from tests import wizard_play
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -48,16 +49,8 @@ class Kept:
 
 def played(steps: Generator[Step, Answer, None], *answers: Answer) -> list[Step]:
     """All steps; questions get these answers in turn, then their defaults."""
-    left, told, shown = list(answers), None, []
-    while True:
-        try:
-            step = steps.send(told)
-        except StopIteration:
-            return shown
-        shown.append(step)
-        told = None
-        if isinstance(step, Ask):
-            told = left.pop(0) if left else step.default
+    left = list(answers)
+    return wizard_play.played(steps, lambda asked: left)
 
 
 def test_a_warm_cell_with_a_flat_target_is_asked_twice_and_told_nothing() -> None:

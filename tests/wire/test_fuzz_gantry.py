@@ -17,7 +17,7 @@ from mvp.errors import ConnectError, DeviceError, DeviceTimeout, WireError
 from mvp.testing import FarEnd
 from mvp.testing.require import nothing_in_the_way
 from tests.fuzzing import Mutants, at_length, fuzz
-from tests.wire.still_wire import StillWire
+from tests.wire.still_wire import Damaged, fuzz_conversations
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -173,31 +173,19 @@ def test_a_place_that_no_axis_can_have_is_no_place(place: bytes) -> None:
         assert arm.state().joints[:3] == AT["marlin"]
 
 
-class Damaged:
-    """A far end that damages some of its answers."""
-
-    def __init__(self, firmware: str) -> None:
-        self.wire = StillWire(self.answer)
-        self.share = 0.0
-        self._quiet = FAR_ENDS[firmware]
-        self.mutants = Mutants(
-            [*GRBL.values(), *GREETINGS, PLACE, marlin(b"M115"), b"ok\n"],
-            PIECES.split(),
-        )
-
-    def answer(self, sent: bytes) -> bytes:
-        said = self._quiet(sent)
-        damaged = self.mutants.rng.random() < self.share
-        return self.mutants.next(said) if damaged else said
+def damaged(firmware: str) -> Damaged:
+    """A board that damages some of its answers."""
+    good = [*GRBL.values(), *GREETINGS, PLACE, marlin(b"M115"), b"ok\n"]
+    return Damaged(FAR_ENDS[firmware], good, PIECES.split())
 
 
-def converses(arm: GantryArm, far_end: Damaged, unasked: bytes) -> None:
+def converses(arm: GantryArm, board: Damaged, unasked: bytes) -> None:
     """All that a gantry does, each time answered by anything."""
     here = [0.0] * len(AXES)
-    far_end.share = far_end.mutants.rng.choice((0.05, 0.2, 0.6))
+    board.share = board.mutants.rng.choice((0.05, 0.2, 0.6))
     for act in (
         arm.open,
-        lambda: far_end.wire.say(unasked),
+        lambda: board.far_end.say(unasked),
         arm.state,
         lambda: arm.home(timeout_s=900, clear=nothing_in_the_way),
         arm.state,
@@ -212,23 +200,13 @@ def converses(arm: GantryArm, far_end: Damaged, unasked: bytes) -> None:
 @at_length
 @pytest.mark.parametrize("firmware", FAR_ENDS)
 def test_whatever_is_answered_it_is_a_device_error_at_length(firmware: str) -> None:
-    """100,000 damaged answers and greetings; it works as ever after each round."""
-    far_end = Damaged(firmware)
-    arm = GantryArm.from_config(
-        config_of(firmware),
-        DeviceContext(transports=far_end.wire.as_link, clock=far_end.wire),
-        name="arm",
-    )
+    board = damaged(firmware)
+    arm = GantryArm.from_config(config_of(firmware), board.context(), name="arm")
 
-    def survived(unasked: bytes) -> None:
-        converses(arm, far_end, unasked)
-        far_end.share = 0.0
-        arm.close()
-        arm.open()
+    def check() -> None:
         assert arm.state().joints[:3] == AT[firmware]
-        arm.close()
 
-    fuzz(survived, far_end.mutants)
+    fuzz_conversations(arm, board, lambda said: converses(arm, board, said), check)
 
 
 FIELDS = ["MPos:", "WPos:", "WCO:", "H:1", "H:", "FS:0,0", "Pn:X"]
