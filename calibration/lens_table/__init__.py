@@ -26,7 +26,6 @@ from calibration.lens_table.tables import (
     Conditions,
     LensMeasurements,
     LensTables,
-    achievable_set,
     build_tables,
     round_trip_steps,
 )
@@ -59,7 +58,6 @@ __all__ = [
     "TravelPrior",
     "TravelResult",
     "TravelShots",
-    "achievable_set",
     "best_curve",
     "build_tables",
     "calibration_file",

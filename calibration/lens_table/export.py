@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.lens_table.judge import judge_lens
-from calibration.lens_table.tables import achievable_set
 from calibration.results import named_covariance, quality_of
 from calibration.verdict import Verdict
 from mvp.calibrated import (
@@ -21,6 +20,7 @@ from mvp.calibrated import (
     Quality,
 )
 from mvp.errors import CalibrationError
+from mvp.optics import achievable_set
 
 if TYPE_CHECKING:
     from calibration.lens_table.tables import LensTables

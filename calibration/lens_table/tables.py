@@ -11,9 +11,8 @@ import numpy as np
 from calibration.lens_table.interpolation import AxisCurve, AxisNodes, best_curve
 from calibration.lens_table.separation import LensFit, separate
 from calibration.lens_table.zoom_curves import ByZoom, curves_by_zoom
-from mvp.calibrated import AchievableSet, AchievableZoom
 from mvp.errors import CalibrationError
-from mvp.optics import LensTable, MotorAxis, ZoomCurves, focus_distance_mm
+from mvp.optics import LensTable, MotorAxis, ZoomCurves
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -187,39 +186,6 @@ def round_trip_steps(table: LensTable | None) -> int:
         back = np.rint(axis.fractional_steps(axis.value_mm(steps)))
         worst = max(worst, int(np.abs(back - steps).max()))
     return worst
-
-
-def achievable_set(table: LensTable) -> AchievableSet:
-    """What the motors reach, at every zoom of the table."""
-    zooms = []
-    for step, f in zip(table.zoom.steps, table.zoom.values_mm, strict=True):
-        here = table.at_focal_length(float(f))
-        low, high = here.extension_range_mm
-        near, far = focus_distance_mm([f + high, f + low], f) - here.pupil_offset_mm
-        zooms.append(
-            AchievableZoom(
-                zoom=int(step),
-                f_mm=float(f),
-                d_low_mm=float(f + low),
-                d_high_mm=float(f + high),
-                sharp_near_mm=float(near),
-                sharp_far_mm=float(far) if np.isfinite(far) else None,
-            )
-        )
-    return AchievableSet(
-        zooms=zooms,
-        a_low_mm=table.a_range_mm[0],
-        a_high_mm=table.a_range_mm[1],
-        f_per_step_mm=_largest_step_mm(table.zoom),
-        x_per_step_mm=_largest_step_mm(table.focus),
-        a_per_step_mm=_largest_step_mm(table.iris),
-    )
-
-
-def _largest_step_mm(axis: MotorAxis) -> float:
-    first, last = axis.range_steps
-    values = axis.value_mm(np.arange(first, last + 1))
-    return float(np.abs(np.diff(values)).max(initial=0.0))
 
 
 def _check_counts(zooms: int, focuses: int, irises: int) -> None:

@@ -37,7 +37,7 @@ from calibration.wizard.provenance import provenance_of, temperature_of
 from calibration.wizard.verification import HeldOutView, Verification, with_causes
 from mvp.calibrated import AxisTable, LensTableCalibration, Quality, ViewResidual
 from mvp.errors import CalibrationError
-from mvp.optics import principal_distance_mm
+from mvp.optics import achievable_set, principal_distance_mm
 from mvp.wizard import Outcome
 
 if TYPE_CHECKING:
@@ -161,6 +161,8 @@ def _told(
     held: Verification,
     irises: Irises,
 ) -> Outcome:
+    if tables.table is None:
+        raise ValueError("no table, no result")
     facts = store.facts
     identity = LensIdentity(
         facts.serials.get("lens", ""), facts.date, simulated=facts.simulated
@@ -178,6 +180,7 @@ def _told(
             "provenance": stamp,
             "quality": quality,
             "focus_extension_mm": _without_tube(document, facts.tube_mm),
+            "achievable": achievable_set(tables.table.with_tube(-facts.tube_mm)),
         }
     )
     before = compare_lens_tables(

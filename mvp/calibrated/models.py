@@ -182,8 +182,10 @@ class AchievableZoom(FileModel):
 
 
 class AchievableSet(FileModel):
-    """All settings that the motors reach, and how finely.
+    """All settings that the motors reach, and how finely; without an extension tube.
 
+    For people and other programs: the planner works the same out of the tables, where
+    they hold, with the tube that is mounted (``mvp.optics.achievable_set``).
     ``*_per_step_mm``: the largest change of f, x = d - f and a by one whole step.
     """
 

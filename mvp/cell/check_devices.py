@@ -24,7 +24,8 @@ from mvp.cell.check_items import (
 from mvp.cell.hardware import close_all, info_of
 from mvp.cell.homing import is_homed
 from mvp.devices import AXES, HasDoubts, Homable, cannot_stop
-from mvp.errors import MvpCellError
+from mvp.errors import CalibrationError, MvpCellError
+from mvp.optics import LensTable, achievable_words
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -244,7 +245,13 @@ def _lens_range(setting: Setting, devices: CellDevices) -> CheckItem:
             "views beyond are refused before anything moves; correct [lens] or the table",
         )
     said = ", ".join(f"{axis} {limits[axis][0]} to {limits[axis][1]}" for axis in AXES)
-    return good("lens range", said)
+    try:
+        tube_mm = setting.cell.config.optics.mounted_tube_mm
+        lens = LensTable.from_calibration(table, tube_mm=tube_mm)
+        reach = achievable_words(lens.within(table.validity))
+    except CalibrationError as error:
+        return failure("lens range", error)
+    return good("lens range", f"{said}; where its table holds: {reach}")
 
 
 def _camera(setting: Setting, devices: CellDevices, answers: Answers) -> None:

@@ -1,5 +1,6 @@
 """Views, sensor, thick lens, projection, blur budget, lens table."""
 
+from mvp.optics.achievable import achievable_set, achievable_words
 from mvp.optics.blur import (
     BlurBudget,
     airy_diameter_mm,
@@ -39,6 +40,8 @@ __all__ = [
     "Views",
     "ZoomCurves",
     "ZoomOptics",
+    "achievable_set",
+    "achievable_words",
     "airy_diameter_mm",
     "airy_fwhm_mm",
     "concatenated",
