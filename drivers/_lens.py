@@ -45,7 +45,7 @@ class AxisRange(FileModel):
 
     Attributes:
         low: lowest step.
-        high: highest step.
+        high: highest step; the lowest one for a motor that stays where it is.
         approach: side from which every target is reached, that of the lens table.
         backlash_steps: width of the play; beyond ``low`` or ``high`` there must be room
             for one and a half times as much.
@@ -58,8 +58,8 @@ class AxisRange(FileModel):
 
     @model_validator(mode="after")
     def _ordered(self) -> AxisRange:
-        if self.low >= self.high:
-            raise ValueError(f"low {self.low} is not below high {self.high}")
+        if self.low > self.high:
+            raise ValueError(f"low {self.low} is above high {self.high}")
         return self
 
     @property

@@ -24,7 +24,7 @@ from drivers._scf4 import (
     words,
 )
 from mvp.devices import AXES, Axis, DeviceContext, DeviceInfo, LensState, Role
-from mvp.errors import DeviceError, DeviceFault
+from mvp.errors import ConfigError, DeviceError, DeviceFault
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -124,6 +124,7 @@ class Scf4Lens:
 
     def home(self, deadline: Deadline) -> None:
         """Find the reference of every axis, one after the other."""
+        self._require_travel()
         self.forget_home()
         with self._halting():
             self._set_up()
@@ -131,6 +132,22 @@ class Scf4Lens:
                 self._home_axis(axis, deadline)
             self._order("M239", "G90")
         self._stand(homed=True)
+
+    def _require_travel(self) -> None:
+        """What runs against an end must know how far away that may be.
+
+        Raises:
+            ConfigError: the range of such a motor is a single step.
+        """
+        for axis in self._config.home_order:
+            range_ = self.axes.ranges()[axis]
+            if self._motors[axis].home == "stop" and range_.low == range_.high:
+                raise ConfigError(
+                    f"{self.name}: {axis} is homed against the end of its travel, but "
+                    f"its range is the one step {range_.low}",
+                    hint=f"give low and high of its whole travel as [lens.{axis}]",
+                    where=self.name,
+                )
 
     def move(self, legs: Sequence[Steps], targets: Steps, deadline: Deadline) -> None:
         """All axes of a leg at once.

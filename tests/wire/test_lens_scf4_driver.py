@@ -230,6 +230,15 @@ def test_ranges_come_from_the_lens_table_unless_they_are_given(far_end: FarEnd) 
     assert given.limits()["focus"] == (200, 300)
 
 
+def test_a_motor_of_one_step_is_not_run_against_its_end(far_end: FarEnd) -> None:
+    with lens_on(far_end, iris={"low": 900, "high": 900}) as lens:
+        assert lens.limits()["iris"] == (900, 900)
+        before = len(far_end.sent)
+        with pytest.raises(ConfigError, match="one step 900"):
+            lens.home(timeout_s=60)
+        assert not any(line.startswith(b"G0") for line in far_end.sent[before:])
+
+
 @pytest.mark.parametrize("content", ["", "{}", "[1]"])
 def test_what_is_no_lens_table_is_refused(
     far_end: FarEnd, tmp_path: Path, content: str

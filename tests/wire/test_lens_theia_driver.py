@@ -137,6 +137,18 @@ def test_the_vendors_example_of_taking_up_the_backlash(far_end: FarEnd) -> None:
     assert state.focus == 4500
 
 
+def test_a_motor_that_was_measured_at_one_step_stays_there(far_end: FarEnd) -> None:
+    """As the table of a lens has it that was measured at one zoom."""
+    with lens_on(far_end, zoom={"low": 1000, "high": 1000}) as lens:
+        lens.home(timeout_s=60)
+        state = lens.move_steps(zoom=1000, focus=4000, iris=40, timeout_s=60)
+        assert (state.zoom, lens.limits()["zoom"]) == (1000, (1000, 1000))
+        with pytest.raises(
+            LimitError, match=r"zoom step 1001 is outside 1000 \.\. 1000"
+        ):
+            lens.check_steps(zoom=1001, focus=4000, iris=40)
+
+
 def test_steps_that_look_like_line_ends_are_sent_as_they_are(far_end: FarEnd) -> None:
     """3338 is 0D 0A."""
     with lens_on(far_end) as lens:
