@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _SETTING = re.compile(r"\$(\d{1,3})=\s*(-?\d{1,9}(?:\.\d{0,6})?)", re.ASCII)
-_IDLE, _SOFT, _HARD = 1, 20, 21
+_IDLE, _SOFT, _HARD, _HELD = 1, 20, 21, 37
 _RATE, _ACCELERATION, _TRAVEL = 110, 120, 130
 _NEVER_IDLE = 255
 _SAME = 1e-6
@@ -67,18 +67,32 @@ def setting_findings(
         axes: as configured.
         letters: of the firmware's axes, in its order.
     """
-    found = [*_motors(settings), *_limits(settings)]
+    places = {axis.letter: letters.index(axis.letter) for axis in axes}
+    found = [*_motors(settings, places), *_limits(settings)]
     for axis in axes:
-        found += _axis(settings, axis, letters.index(axis.letter))
+        found += _axis(settings, axis, places[axis.letter])
     return tuple(found)
 
 
-def _motors(settings: Mapping[int, float]) -> Iterator[Finding]:
+def _motors(
+    settings: Mapping[int, float], places: Mapping[str, int]
+) -> Iterator[Finding]:
+    """Motors that are let go at rest: all of them, but for those that ``$37`` holds.
+
+    Only grblHAL has that mask of axes; after 0 ms it lets go of all the same.
+    """
     idle_ms = settings.get(_IDLE, _NEVER_IDLE)
-    if idle_ms != _NEVER_IDLE:
+    held = int(settings.get(_HELD, 0)) if idle_ms else 0
+    loose = [letter for letter, place in places.items() if not held >> place & 1]
+    if idle_ms != _NEVER_IDLE and loose:
+        which = (
+            "they are"
+            if len(loose) == len(places)
+            else f"those of {', '.join(loose)} are"
+        )
         yield _warning(
             "motors",
-            f"$1={idle_ms:g}: they are let go {idle_ms:g} ms after every motion; an axis "
+            f"$1={idle_ms:g}: {which} let go {idle_ms:g} ms after every motion; an axis "
             "may sink or be pushed, and still counts as homed",
             "set $1=255 on the machine",
         )

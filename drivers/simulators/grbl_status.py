@@ -33,6 +33,8 @@ def settings_of(config: GrblConfig) -> dict[str, str]:
         "26": "250",
         "27": f"{config.pull_off:.3f}",
     }
+    if config.profile == "grblhal":
+        values["37"] = "0"  # mask of the axes that stay energised
     for k, axis in enumerate(axes):
         values[str(100 + k)] = f"{axis.steps_per_unit:.3f}"
         values[str(110 + k)] = f"{axis.rate_min:.3f}"

@@ -56,6 +56,25 @@ def test_a_setting_that_is_not_as_a_camera_needs_it(
     assert f"arm: {name}: " in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("idle", "held", "said"),
+    [
+        ("25", "0", "they are let go 25 ms"),
+        ("25", "7", "those of A, B are let go 25 ms"),
+        ("25", "31", ""),
+        ("0", "31", "they are let go 0 ms"),
+        ("255", "0", ""),
+    ],
+)
+def test_motors_that_the_machine_holds_at_rest_are_no_doubt(
+    gantry_bench: Make, idle: str, held: str, said: str
+) -> None:
+    settings = {**GOOD, "1": idle, "37": held}
+    found = doubts(gantry_bench("grblhal", settings=settings))
+    assert bool(found) is bool(said)
+    assert said in found.get("motors", "")
+
+
 def test_what_a_firmware_does_not_list_is_not_judged(gantry_bench: Make) -> None:
     settings = {"1": "25", "20": "0", "110": "300"}
     found = doubts(gantry_bench("fluidnc", settings=settings))
