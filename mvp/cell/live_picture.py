@@ -100,8 +100,7 @@ class LivePicture:
         """
         frame = self._take()
         self._save(file, frame)
-        self._file = file
-        self._begin()
+        self._begin(file)
         return frame
 
     @contextmanager
@@ -138,8 +137,9 @@ class LivePicture:
         except DeviceError as error:
             _LOG.warning("%s", error)
 
-    def _begin(self) -> None:
+    def _begin(self, file: Path | None = None) -> None:
         with self._lock:
+            self._file = file or self._file
             if self._thread is not None:
                 return
             self._failure = None

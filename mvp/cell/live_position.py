@@ -48,9 +48,10 @@ class LivePosition:
         self._thread.start()
         return self
 
-    def __exit__(self, *exc: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *exc: object) -> None:
         self.end()
-        self._thread.join(_LEAVE_S)
+        if kind is None:  # otherwise something is to be stopped, which cannot wait
+            self._thread.join(_LEAVE_S)
 
     @property
     def text(self) -> str:

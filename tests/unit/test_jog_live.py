@@ -172,11 +172,28 @@ def test_an_answer_that_does_not_come_keeps_nobody_from_stopping() -> None:
             raise KeyboardInterrupt
 
     with (
-        LivePosition(ask, every_s=0.001) as position,
         pytest.raises(KeyboardInterrupt),
+        LivePosition(ask, every_s=0.001),
     ):
         call_beside(move, stopped.set, press)
-    assert position.text == ""
+
+
+def test_an_error_does_not_wait_for_an_answer() -> None:
+    asked, answer = threading.Event(), threading.Event()
+
+    def ask() -> str:
+        asked.set()
+        answer.wait(SOON_S)
+        return ""
+
+    def fail() -> None:
+        asked.wait(SOON_S)
+        raise LinkLost("is gone", device="arm")
+
+    with pytest.raises(LinkLost), LivePosition(ask, every_s=0.001):
+        call_beside(fail, pytest.fail)
+    assert not answer.is_set()
+    answer.set()
 
 
 def test_who_looks_is_called_in_the_callers_thread_while_it_moves() -> None:
