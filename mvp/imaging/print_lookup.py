@@ -13,11 +13,13 @@ import cv2
 import numpy as np
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from mvp.geometry import BoolArray, IntArray
     from mvp.imaging.light import Float32Array
     from mvp.imaging.render_body import PlanarTexture
 
-_TILE, _CHUNK = 64, 8192  # pixels along a side, pixels at a time
+_TILE, _CHUNK = 64, 2048  # pixels along a side, pixels at a time
 _NEIGHBOUR = (
     1.5  # texels: rounding to the nearest one, and the second of a bilinear pair
 )
@@ -63,10 +65,16 @@ def _of_one_colour(
     reach = np.tensordot(most, np.maximum(far[..., 0], far[..., 1]), axes=1)
     rows, columns = texture.albedo.shape
     # No places at all, or ones at infinity, count as changing.
-    place = np.nan_to_num(ways[0], nan=0.0, posinf=0.0, neginf=0.0)
-    at = np.rint(np.clip(place, 0, [columns - 1, rows - 1])).astype(np.int32)
-    room = texture.room_texels[at[..., 1], at[..., 0]]
+    column, row = _nearest(ways[0, ..., 0], columns), _nearest(ways[0, ..., 1], rows)
+    room = texture.room_texels[row, column]
     return np.asarray(reach + _NEIGHBOUR <= room)
+
+
+def _nearest(place: Float32Array, count: int) -> NDArray[np.int32]:
+    """Whole texels (h, w) within a side of the print."""
+    inside = np.nan_to_num(place, nan=0.0, posinf=0.0, neginf=0.0)
+    np.clip(inside, np.float32(0), np.float32(count - 1), out=inside)
+    return np.rint(inside, out=inside).astype(np.int32)
 
 
 def _looked_up(albedo: Float32Array, texels: Float32Array) -> Float32Array:

@@ -26,7 +26,7 @@ _NODE = re.compile(
     rb'(<IntReg Name="TriggerSoftwareCommandRegister".*?<Address>)0x30c(</Address>)',
     re.S,
 )
-_WATCH_S = 0.002
+_WATCH_S = 0.005
 
 
 def description_file(arv: Any, gobject: Any) -> Path:

@@ -305,12 +305,19 @@ def _opacity(hits: _Hits, eye: Eye) -> Float32Array:
 
 
 def _shrink(rgb: Float32Array) -> FloatArray:
-    rows, columns = rgb.shape[0] // _OVERSAMPLING, rgb.shape[1] // _OVERSAMPLING
-    blocks = rgb.reshape(rows, _OVERSAMPLING, columns, _OVERSAMPLING, 3)
-    return np.asarray(blocks.mean(axis=(1, 3)), dtype=np.float64)
+    """The mean of every block of fine pixels."""
+    total = _parts(rgb)[0].astype(np.float64)
+    for part in _parts(rgb)[1:]:
+        total += part
+    return np.asarray(total / _OVERSAMPLING**2)
 
 
 def _shrink_nearest(depth: Float32Array) -> FloatArray:
-    rows, columns = depth.shape[0] // _OVERSAMPLING, depth.shape[1] // _OVERSAMPLING
-    blocks = depth.reshape(rows, _OVERSAMPLING, columns, _OVERSAMPLING)
-    return np.asarray(blocks.max(axis=(1, 3)), dtype=np.float64)
+    """The farthest depth of every block."""
+    return np.asarray(np.maximum.reduce(_parts(depth)), dtype=np.float64)
+
+
+def _parts(fine: Float32Array) -> list[Float32Array]:
+    """One picture for each place within a block."""
+    step = _OVERSAMPLING
+    return [fine[y::step, x::step] for y in range(step) for x in range(step)]
