@@ -20,7 +20,7 @@ def target(
     ] = "A4",
     as_json: JsonOption = False,
 ) -> int:
-    """Write the target of a cell's [target] as a PDF at true scale, with a ruler."""
+    """Write the calibration target of a cell as a PDF at true scale."""
     from mvp.cell.target_job import draw_target
     from mvp.cli.output import console, print_model
 
