@@ -1,4 +1,4 @@
-"""What every test shares: how inputs are drawn, what is run again, a foreign camera.
+"""What every test shares: how inputs are drawn, order, what is run again, a camera.
 
 The default suite draws the same inputs each time, so that a run which passed here
 passes elsewhere; `make test-full` draws new ones. Tests in real time against processes
@@ -47,12 +47,39 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 _IN_REAL_TIME = ("wire", "run", "conformance")
 
 
+# What takes longest is begun first: begun last, it would hold everybody up.
+_LONGEST = (
+    "test_calibrate_simulated.py",
+    "test_uncalibrated_cell.py",
+    "test_docs_run.py",
+    "test_calibrate_camera.py",
+)
+
+
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """A starved simulator is no defect; one that fails twice is."""
     home = Path(__file__).parent
     for item in items:
         if item.path.relative_to(home).parts[0] in _IN_REAL_TIME:
             item.add_marker(pytest.mark.flaky(reruns=1))
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if workers > 1:
+        items[:] = _longest_first(items, workers)
+
+
+def _longest_first(items: list[pytest.Item], workers: int) -> list[pytest.Item]:
+    """Every worker is given a run of items of equal length; it begins with a long file."""
+    files = [[i for i in items if i.path.name == name] for name in _LONGEST]
+    rest = [i for i in items if i.path.name not in _LONGEST]
+    first = [list(itertools.chain(*files[k::workers])) for k in range(workers)]
+    ordered: list[pytest.Item] = []
+    for k, own in enumerate(first):
+        share = (len(items) - len(ordered)) // (workers - k)
+        more = max(share - len(own), 0) if k < workers - 1 else len(rest)
+        ordered += own + rest[:more]
+        rest = rest[more:]
+    return ordered
 
 
 _PROGRAM = "arv-fake-gv-camera-0.8"
