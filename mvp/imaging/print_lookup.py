@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mvp.imaging.light import Float32Array
     from mvp.imaging.render_body import PlanarTexture
 
-_TILE, _CHUNK = 64, 2048  # pixels along a side, pixels at a time
+_TILE, _CHUNK = 64, 8192  # pixels along a side, pixels at a time
 _NEIGHBOUR = (
     1.5  # texels: rounding to the nearest one, and the second of a bilinear pair
 )
