@@ -4,7 +4,12 @@ Over 1 / z the squared blur is the parabola (a / p)^2 (m - f_cal / z)^2: its foo
 distance in best focus, its opening the pupil. Tilted views of a target sweep the distance
 by themselves. A print is not perfectly sharp either: edges that are s wide on the paper
 add (s f_cal / z p)^2, which lets the foot come out at a^2 / (a^2 + s^2) of the true 1 / z;
-what is left at the foot tells s, and the foot is put right.
+what is left at the foot tells s, and the foot is put right. How wide the pixel's own
+response is takes part in what is left, so that s and with it the foot stay in doubt.
+
+Near the foot the blur disc is smaller than pixel and diffraction, and what is measured of
+it bears on how well their shapes are known. A bump there, as high as that may be off, is
+fitted along; otherwise edges on one side only would drag the foot.
 """
 
 from __future__ import annotations
@@ -27,8 +32,10 @@ _ROUNDS = 12
 _HUBER = 1.5
 _MODEL_SHARE = 0.03
 _FLOOR_PX2 = 0.03
-_FOOT_SHARE = 3e-3
 _SHIFT_DOUBT = 1.0
+# Squared diameters by which pixel (filled to 80 or 100 %) and diffraction (rounded) are off.
+_RESPONSE_PX2 = 0.2
+_BUMP_PX2, _BUMP_WIDTH_PX2 = 0.3, 1.0
 _SOFTEST = 0.5
 _BASE_SIGMA_PX = float(1 / np.sqrt(12))
 
@@ -72,9 +79,9 @@ def sharp_place(
     unit = float(np.median(1 / blurs.depth_mm))
     x = 1 / (blurs.depth_mm * unit)
     found, covariance = _parabola(x - 1, blurs)
-    second, first, rest = found
+    second, first, rest = found[:3]
     foot = -first / (2 * second) if second > 0 else np.nan
-    slope = np.array([-foot / second, -1 / (2 * second), 0.0])
+    slope = np.array([-foot / second, -1 / (2 * second), 0.0, 0.0])
     sigma = float(np.sqrt(slope @ covariance @ slope)) if second > 0 else np.inf
     spread = np.ptp(x)
     if not second > 0 or sigma > spread or abs(foot) > 3 * spread:
@@ -90,8 +97,12 @@ def sharp_place(
     a = float(np.sqrt(opening**2 - soft**2))
     shift = (soft / a) ** 2
     near = (1 + foot) * unit * (1 + shift)
-    own = np.hypot(sigma / (1 + foot), _SHIFT_DOUBT * shift)
-    relative = float(np.hypot(np.hypot(own, _FOOT_SHARE), scale_sigma))
+    in_doubt = _RESPONSE_PX2 * (pitch_mm / (f_cal_mm * near * a)) ** 2
+    relative = float(
+        np.linalg.norm(
+            [sigma / (1 + foot), _SHIFT_DOUBT * shift, in_doubt, scale_sigma]
+        )
+    )
     a_sigma = a * float(np.sqrt(covariance[0, 0])) / (2 * second)
     return SharpPlace(
         Measured(1 / near, relative / near),
@@ -125,17 +136,27 @@ def _total_sigma(blurs: EdgeBlurs) -> FloatArray:
 
 
 def _parabola(x: FloatArray, blurs: EdgeBlurs) -> tuple[FloatArray, FloatArray]:
-    """Robust weighted fit: coefficients (3,) of x^2, x, 1, and their covariance."""
-    rows = np.stack([x**2, x, np.ones_like(x)], axis=1)
-    weight = 1 / _total_sigma(blurs)
-    robust = np.ones_like(x)
+    """Robust weighted fit: coefficients (4,) of x^2, x, 1, bump, and their covariance."""
+    powers = np.stack([x**2, x, np.ones_like(x)], axis=1)
+    weight, robust = 1 / _total_sigma(blurs), np.ones_like(x)
+    known = np.diag([0.0, 0.0, 0.0, _BUMP_PX2**-2])
+    above = np.maximum(blurs.square_px2, 0.0)
     for _ in range(_ROUNDS):
-        w = weight * np.sqrt(robust)
-        found = np.linalg.lstsq(rows * w[:, None], blurs.square_px2 * w, rcond=None)[0]
+        rows = np.column_stack([powers, np.exp(-above / _BUMP_WIDTH_PX2)])
+        weighted = rows * (weight**2 * robust)[:, None]
+        found = np.linalg.solve(
+            rows.T @ weighted + known, weighted.T @ blurs.square_px2
+        )
         rest = (blurs.square_px2 - rows @ found) * weight
         scale = max(1.4826 * float(np.median(np.abs(rest))), 1e-9)
         robust = _HUBER / np.maximum(np.abs(rest) / scale, _HUBER)
-    w = weight * np.sqrt(robust)
-    information = (rows * w[:, None]).T @ (rows * w[:, None])
+        above = _above_the_foot(powers @ found[:3], found)
     factor = max(scale, 0.3) ** 2
-    return np.asarray(found), np.asarray(np.linalg.pinv(information) * factor)
+    information = rows.T @ weighted / factor + known
+    return np.asarray(found), np.asarray(np.linalg.pinv(information))
+
+
+def _above_the_foot(height: FloatArray, found: FloatArray) -> FloatArray:
+    """The parabola over its lowest place, and over the lowest edge where it has none."""
+    lowest = found[2] - found[1] ** 2 / (4 * found[0]) if found[0] > 0 else -np.inf
+    return np.asarray(np.maximum(height - max(lowest, float(height.min())), 0.0))

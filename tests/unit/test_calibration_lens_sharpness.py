@@ -81,6 +81,23 @@ def test_tilted_views_tell_the_sharp_distance_and_the_pupil():
     assert place.a_mm.value == pytest.approx(4.0, rel=0.15)
 
 
+@pytest.mark.parametrize("bump_px2", [-0.6, -0.3, 0.3])
+@pytest.mark.parametrize("everywhere_px2", [-0.4, 0.0])
+def test_a_response_that_is_not_quite_as_assumed_stays_in_the_interval(
+    bump_px2, everywhere_px2
+):
+    """Edges on the near side alone, whose smallest discs are measured wrongly."""
+    rng = np.random.default_rng(4)
+    depth = rng.uniform(0.76, 1.06, 300) * SHARP_MM
+    discs = (2.0 / PITCH_MM * F_CAL * (1 / SHARP_MM - 1 / depth)) ** 2
+    off = everywhere_px2 + bump_px2 * np.exp(-discs / 0.7)
+    noise = rng.normal(0, np.hypot(0.05, 0.05 * discs))
+    seen = EdgeBlurs(depth, discs + off + noise, np.full(300, 0.05))
+    found = sharp_place(seen, F_CAL, PITCH_MM).distance_mm
+    assert found.value == pytest.approx(SHARP_MM, abs=2 * found.sigma)
+    assert found.sigma < 0.02 * SHARP_MM
+
+
 def test_blur_against_defocus_gives_the_pupil():
     parts, defocus = [], []
     for d_mm in (12.75, 12.95, 13.15):
