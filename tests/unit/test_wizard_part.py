@@ -162,7 +162,7 @@ class DrawnBench:
     def __init__(
         self, seed=0, *, refused=(), shifted_mm=None, knocked_after=99, **sights
     ):
-        self.facts = facts()
+        self.facts, self._seed = facts(), seed
         lens = self.facts.lens_at(STEPS)
         self._random = np.random.default_rng([seed, 7])
         self.true_hand = nudged(
@@ -183,7 +183,7 @@ class DrawnBench:
         self._truths: dict[int, Pose] = {}
 
     def rng(self, number):
-        return np.random.default_rng([number, 3])
+        return np.random.default_rng([number, 3, self._seed])
 
     def joints_for(self, base_from_camera, *, d_mm):
         self.asked += 1
