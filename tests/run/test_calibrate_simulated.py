@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _START_S = 120
-_FASTER_THAN_LIFE = 10  # motors only: the protocols keep their times
+_FASTER_THAN_LIFE = 40  # motors only: the protocols keep their times
 # One zoom, at which 70 pictures tell d as well as 90 over all of the zoom range do.
 _ONE_ZOOM = """
 [lens_calibration]
