@@ -77,18 +77,7 @@ def sharp_place(
             hint="take more views of a target with squares, well lit and large enough",
         )
     unit = float(np.median(1 / blurs.depth_mm))
-    x = 1 / (blurs.depth_mm * unit)
-    found, covariance = _parabola(x - 1, blurs)
-    second, first, rest = found[:3]
-    foot = -first / (2 * second) if second > 0 else np.nan
-    slope = np.array([-foot / second, -1 / (2 * second), 0.0, 0.0])
-    sigma = float(np.sqrt(slope @ covariance @ slope)) if second > 0 else np.inf
-    spread = np.ptp(x)
-    if not second > 0 or sigma > spread or abs(foot) > 3 * spread:
-        raise CalibrationError(
-            "the blur hardly changes with the distance",
-            hint="open the iris, or take views from nearer and farther",
-        )
+    (second, _, rest), covariance, foot, sigma = _with_foot(unit, blurs)
     opening = float(np.sqrt(second)) * pitch_mm / (f_cal_mm * unit)
     left = max(float(rest - second * foot**2), 0.0)
     # m / p at the foot is f_cal (1 + foot) unit / p; s is what is left there by it.
@@ -110,6 +99,29 @@ def sharp_place(
         soft,
         len(blurs),
     )
+
+
+def _with_foot(
+    unit: float, blurs: EdgeBlurs
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """The parabola (3,) over 1 / z unit - 1, its covariance, its foot and that one's sigma.
+
+    Raises:
+        CalibrationError: blur does not grow away from any place.
+    """
+    x = 1 / (blurs.depth_mm * unit)
+    found, covariance = _parabola(x - 1, blurs)
+    second, first = found[:2]
+    foot = -first / (2 * second) if second > 0 else np.nan
+    slope = np.array([-foot / second, -1 / (2 * second), 0.0, 0.0])
+    sigma = float(np.sqrt(slope @ covariance @ slope)) if second > 0 else np.inf
+    spread = np.ptp(x)
+    if not second > 0 or sigma > spread or abs(foot) > 3 * spread:
+        raise CalibrationError(
+            "the blur hardly changes with the distance",
+            hint="open the iris, or take views from nearer and farther",
+        )
+    return found[:3], covariance, float(foot), sigma
 
 
 def blur_shots(
@@ -144,19 +156,20 @@ def _parabola(x: FloatArray, blurs: EdgeBlurs) -> tuple[FloatArray, FloatArray]:
     for _ in range(_ROUNDS):
         rows = np.column_stack([powers, np.exp(-above / _BUMP_WIDTH_PX2)])
         weighted = rows * (weight**2 * robust)[:, None]
-        found = np.linalg.solve(
-            rows.T @ weighted + known, weighted.T @ blurs.square_px2
-        )
+        information = rows.T @ weighted + known
+        seen = weighted.T @ blurs.square_px2
+        found = np.asarray(np.linalg.lstsq(information, seen, rcond=None)[0])
         rest = (blurs.square_px2 - rows @ found) * weight
         scale = max(1.4826 * float(np.median(np.abs(rest))), 1e-9)
         robust = _HUBER / np.maximum(np.abs(rest) / scale, _HUBER)
-        above = _above_the_foot(powers @ found[:3], found)
+        above = _above_the_foot(powers, found[:3])
     factor = max(scale, 0.3) ** 2
     information = rows.T @ weighted / factor + known
-    return np.asarray(found), np.asarray(np.linalg.pinv(information))
+    return found, np.asarray(np.linalg.pinv(information))
 
 
-def _above_the_foot(height: FloatArray, found: FloatArray) -> FloatArray:
+def _above_the_foot(powers: FloatArray, found: FloatArray) -> FloatArray:
     """The parabola over its lowest place, and over the lowest edge where it has none."""
+    height = powers @ found
     lowest = found[2] - found[1] ** 2 / (4 * found[0]) if found[0] > 0 else -np.inf
     return np.asarray(np.maximum(height - max(lowest, float(height.min())), 0.0))

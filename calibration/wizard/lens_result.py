@@ -161,28 +161,9 @@ def _told(
     held: Verification,
     irises: Irises,
 ) -> Outcome:
-    if tables.table is None:
-        raise ValueError("no table, no result")
     facts = store.facts
-    identity = LensIdentity(
-        facts.serials.get("lens", ""), facts.date, simulated=facts.simulated
-    )
-    document = calibration_file(tables, identity)
-    stamp = provenance_of(store, "lens", document.provenance.method)
     work = on_the_work(facts, tables)
-    causes = (*target_causes(nodes), *held.causes())
-    quality = with_causes(_quality(document.quality, nodes, work, held), causes)
-    quality = quality.model_copy(
-        update={"reasons": [*quality.reasons, *irises.warnings]}
-    )
-    document = document.model_copy(
-        update={
-            "provenance": stamp,
-            "quality": quality,
-            "focus_extension_mm": _without_tube(document, facts.tube_mm),
-            "achievable": achievable_set(tables.table.with_tube(-facts.tube_mm)),
-        }
-    )
+    document = _document(store, tables, nodes, held, irises, work)
     before = compare_lens_tables(
         facts.lens_table,
         document,
@@ -192,7 +173,7 @@ def _told(
     return Outcome(
         KEY,
         document,
-        quality,
+        document.quality,
         (
             work.words,
             *_lines(tables, held),
@@ -208,6 +189,38 @@ def _told(
         },
         points=tuple(point for one in nodes for point in one.points),
         comparison=kept(before),
+    )
+
+
+def _document(
+    store: SessionStore,
+    tables: LensTables,
+    nodes: Sequence[NodeResult],
+    held: Verification,
+    irises: Irises,
+    work: OnTheWork,
+) -> LensTableCalibration:
+    """The file, with what the session knows beyond the tables."""
+    if tables.table is None:
+        raise ValueError("no table, no result")
+    facts = store.facts
+    identity = LensIdentity(
+        facts.serials.get("lens", ""), facts.date, simulated=facts.simulated
+    )
+    document = calibration_file(tables, identity)
+    stamp = provenance_of(store, "lens", document.provenance.method)
+    causes = (*target_causes(nodes), *held.causes())
+    quality = with_causes(_quality(document.quality, nodes, work, held), causes)
+    quality = quality.model_copy(
+        update={"reasons": [*quality.reasons, *irises.warnings]}
+    )
+    return document.model_copy(
+        update={
+            "provenance": stamp,
+            "quality": quality,
+            "focus_extension_mm": _without_tube(document, facts.tube_mm),
+            "achievable": achievable_set(tables.table.with_tube(-facts.tube_mm)),
+        }
     )
 
 

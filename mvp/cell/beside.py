@@ -106,6 +106,15 @@ def _leave(runner: Runner) -> None:
     """Stopping itself has failed: wait for the end."""
 
 
+def _wait_s(
+    ended_by: BaseException | None, meanwhile: Callable[[], None] | None
+) -> float | None:
+    """Until the next look; None: nobody looks."""
+    if ended_by is not None:
+        return _STOP_AGAIN_S
+    return None if meanwhile is None else _LOOK_S
+
+
 def _tell(stop: Callable[[], object]) -> None:
     """A stop that fails is tried again."""
     try:
@@ -143,7 +152,6 @@ def call_beside(
             outcome.set_exception(error)
 
     beside = _Beside(work, "mvp-cell motion", daemon=True)
-    look_s = None if meanwhile is None else _LOOK_S
     ended_by: BaseException | None = None
     give_up_s = float("inf")
     while time.monotonic() < give_up_s:
@@ -151,7 +159,7 @@ def call_beside(
             if ended_by is not None:
                 _tell(stop)
             beside.begin()
-            if beside.done.wait(_STOP_AGAIN_S if ended_by else look_s):
+            if beside.done.wait(_wait_s(ended_by, meanwhile)):
                 break
             if meanwhile is not None and ended_by is None:
                 meanwhile()

@@ -35,7 +35,10 @@ from mvp.geometry import Pose
 from mvp.wizard import Say, WizardOptions, load_wizard
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from mvp.cell.calibrate_job import FrontEnd
+    from mvp.cell.calibration_gates import Objection
     from mvp.cell.loading import LoadedCell, LoadedTask
     from mvp.cell.plan_job import Planned, Setting
     from mvp.cell.run_job import RunOptions
@@ -95,8 +98,7 @@ def locate_part(
         infos = stack.enter_context(opened(devices))
         check_simulated(cell, infos)
         views, reason = planned.plan.views, cell.accept_calibration
-        for one in check_reliance(cell, devices, infos, KEY, reason, views):
-            front.answer(Say(f"{one.text}; {one.fix}", "warning"))
+        _warn(front, check_reliance(cell, devices, infos, KEY, reason, views))
         facts = facts_of(cell, devices, infos, key=KEY, seed=seed, accepted=reason)
         store = wizard.sessions.create(folder.locating, facts)
         speed = start_speed(setting, devices, infos)
@@ -114,6 +116,11 @@ def locate_part(
     _LOG.info("locate: %s", "; ".join(outcome.lines))
     found_task = replace(task, pose_file=folder.part_pose_file)
     return LocatedPart(found_task, folder, setting, record)
+
+
+def _warn(front: FrontEnd, objections: Sequence[Objection]) -> None:
+    for one in objections:
+        front.answer(Say(f"{one.text}; {one.fix}", "warning"))
 
 
 def locate_first(
