@@ -75,8 +75,14 @@ class StillCheck:
         Raises:
             DeviceFault: the picture moved by more than is allowed, or changed.
         """
+        hint = (
+            f"raise [settle] arm_s (now {self.settle_s:g} s), or lens_s where a lens "
+            "settles last, in the cell file, or look for a loose camera, a shaking table "
+            "or something that moves in the picture; then run again"
+        )
         if found.likeness < _SAME_THING:
             what = f"the picture changed altogether in {found.apart_s:.2f} s"
+            hint = f"look whether a lamp went out or something came before it; {hint}"
         elif found.shift_px is None or found.sigma_px is None:
             _LOG.warning(
                 "%s: nothing in the picture of %s would show that it moves", arm, view
@@ -94,7 +100,5 @@ class StillCheck:
             f"is not still at {view}: {what}, {found.waited_s:.2f} s after it reported "
             "standstill",
             device=arm,
-            hint=f"raise [settle] arm_s (now {self.settle_s:g} s) in the cell file, or "
-            "look for a loose camera, a shaking table or something that moves in the "
-            "picture; then run again",
+            hint=hint,
         )

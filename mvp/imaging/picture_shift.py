@@ -111,15 +111,41 @@ def _down_from(
     Beginning coarse bridges a long way, and can be led astray by what repeats itself;
     beginning fine is right for short ways.
     """
-    shift = np.zeros(2)
-    left, found = np.inf, _UNSEEN
-    scaled = found
+    now = _Step(np.zeros(2), np.inf, _UNSEEN, 0)
     for number in range(start, 0, -1):
         for _ in range(_STEPS):
-            shift, left, found = _step(levels[number - 1], shift, noise / 2**number)
-        scaled = found.scaled(2**number)
-        shift = 2 * shift
-    return left, scaled
+            now = _step(levels[number - 1], now.shift, noise / 2**number)
+        now = replace(now, shift=2 * now.shift)
+    return now.left, now.believed.scaled(2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A better shift, px of its level.
+
+    Attributes:
+        shift: (2,), columns and rows.
+        left: root mean square of what it leaves, grey.
+        found: all that is known.
+        places: that took part.
+    """
+
+    shift: FloatArray
+    left: float
+    found: PictureShift
+    places: int
+
+    @property
+    def believed(self) -> PictureShift:
+        """Without directions that are no stronger than noise of the size that is left.
+
+        A picture may be noisier where it is bright than its middle tile says; what two
+        frames leave, once laid on each other, tells. Of slopes that are nothing but that
+        noise a shift would come out of the blue.
+        """
+        least = np.sqrt(8 / (_SHOWN * max(self.places, 1)))
+        sigma = np.where(self.found.sigma_px < least, self.found.sigma_px, np.inf)
+        return replace(self.found, sigma_px=sigma)
 
 
 def _noise(picture: FrameArray) -> float:
@@ -150,10 +176,8 @@ def _levels(first: FrameArray, second: FrameArray, below: float) -> list[_Level]
         levels.append((now[0], now[1], now[2]))
 
 
-def _step(
-    level: _Level, shift: FloatArray, noise: float
-) -> tuple[FloatArray, float, PictureShift]:
-    """A better shift (2,), what it leaves, and all that is known; px of this level."""
+def _step(level: _Level, shift: FloatArray, noise: float) -> _Step:
+    """From a shift (2,) to a better one, px of this level."""
     first, second, valid = level
     shift = np.round(shift * _WARP_GRID) / _WARP_GRID
     move = np.array([[1, 0, shift[0]], [0, 1, shift[1]]])
@@ -169,12 +193,13 @@ def _step(
     whole[[0, -1]] = whole[:, [0, -1]] = False
     used = whole & (np.linalg.norm(gradient, axis=-1) > _STANDS_OUT * slope_noise)
     if used.sum() < _FEWEST or _contrast(first, moved, used) < _CONTRAST * noise:
-        return shift, np.inf, _UNSEEN
+        return _Step(shift, np.inf, _UNSEEN, 0)
     change = np.asarray(moved - first, np.float64)[used]
     ways, along, sigma, left = _fitted(-gradient[used], change, mean[used], slope_noise)
     shift = shift + ways @ np.where(sigma < 1, np.clip(along, -2, 2), 0.0)
     likeness = _likeness(first[used], moved[used])
-    return shift, left, PictureShift(ways.T @ shift, sigma, likeness)
+    found = PictureShift(ways.T @ shift, sigma, likeness)
+    return _Step(shift, left, found, int(used.sum()))
 
 
 def _contrast(first: _Float32, second: _Float32, used: BoolArray) -> float:

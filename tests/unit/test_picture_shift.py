@@ -92,6 +92,33 @@ def test_along_a_lone_edge_nothing_is_seen_and_across_it_everything():
     assert across.visible_px(LIMIT_PX)[0] == pytest.approx(2, abs=0.06)
 
 
+def shot(
+    scene: NDArray[np.float32], seed: int, full_scale: int, full_well_e: float
+) -> NDArray[np.uint16]:
+    """As a sensor sees it: noisier where it is bright."""
+    rng = np.random.default_rng(seed)
+    small = cv2.resize(scene, SIZE, interpolation=cv2.INTER_AREA)
+    electrons = rng.poisson(small * full_well_e) + rng.normal(0, 8, small.shape)
+    grey = np.clip(electrons / full_well_e, 0, 1) * full_scale
+    return np.round(grey).astype(np.uint16)
+
+
+@pytest.mark.parametrize("bright", [0.2, 0.45])
+@pytest.mark.parametrize(("full_scale", "full_well_e"), [(255, 1e4), (4095, 3e4)])
+def test_a_bright_strip_in_the_dark_stands_still(bright, full_scale, full_well_e):
+    """The middle tile is dark and knows nothing of the noise along the edge."""
+    scene = np.full((768, 960), 0.01, np.float32)
+    scene[:, : round(960 * bright)] = 0.7
+    scene = cv2.GaussianBlur(scene, (0, 0), 2.5).astype(np.float32)
+    for seed in range(2):
+        one, other = (
+            shot(scene, 2 * seed + k, full_scale, full_well_e) for k in (0, 1)
+        )
+        seen = picture_shift(one, other, full_scale).visible_px(LIMIT_PX)
+        assert seen is not None
+        assert seen[0] < 0.05
+
+
 @pytest.mark.parametrize("grey", [0.0, 80.0, 255.0])
 def test_of_an_empty_picture_nothing_is_claimed(grey):
     empty = np.full((768, 960), grey, np.float32)
