@@ -68,7 +68,7 @@ class Replay:
             picture = next(self._pictures, None)
         except OSError as error:
             self._pictures = self._each()
-            raise self._gone(str(error.strerror)) from error
+            raise self._gone(str(error.strerror or error)) from error
         if picture is None:
             raise self._gone("it has no picture any more")
         return picture

@@ -40,8 +40,7 @@ def fresh_frame(
     )
     if frame.exposure_start_s < not_before_s:
         raise DeviceFault(
-            "the frame's exposure began before it was asked for, when arm or lens may "
-            "not have stood still",
+            "the frame's exposure began before it was asked for",
             device=camera.name,
             hint="the camera's time stamps cannot be trusted; use its software trigger",
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -92,7 +93,6 @@ class Jogger:
         self._arm = JogArm(self.setting, self.devices, self.under_way, self.speed)
         self._lens = JogLens(self.setting, self.devices, self.under_way)
         self._camera = JogCamera(self.devices)
-        self._hand: Pose | None = None
         self.live = LivePicture(
             self._camera.picture, self.save, self._where, self._camera.stop
         )
@@ -106,7 +106,6 @@ class Jogger:
             OutputError: a picture cannot be kept.
             UsageError: it needs something else first.
         """
-        self._hand = None
         match command:
             case Shift():
                 return self._arm.shift(command, self.frame, self._lens.tool_from_camera)
@@ -130,19 +129,20 @@ class Jogger:
             case Plain():
                 return self._plain(command)
 
-    def position(self) -> str:
-        """Where what is being moved is by now; empty while nothing moves.
+    def following(self) -> Callable[[], str]:
+        """What says during one command where that which is being moved is by now.
 
-        For another thread than that of ``do``.
-
-        Raises:
-            DeviceError: it cannot be asked while it moves.
+        For another thread than that of ``do``; says nothing while nothing moves, and
+        raises ``DeviceError`` where it cannot be asked. Each has a lens setting of its
+        own: one that is late changes nothing for the next command.
         """
+        return partial(self._position, cache(self._lens.tool_from_camera))
+
+    def _position(self, hand: Callable[[], Pose]) -> str:
         moving = self.under_way.text
         if moving.startswith("the arm"):
             # The lens stands meanwhile: it is asked once.
-            self._hand = self._hand or self._lens.tool_from_camera()
-            return self._arm_words(self.devices.arm.state(), self._hand)
+            return self._arm_words(self.devices.arm.state(), hand())
         if moving.startswith("the lens"):
             return f"lens {self._lens.words(self.devices.lens.state().steps())}"
         return ""

@@ -110,14 +110,16 @@ def _allowed(setting: Setting, speed: float, *, yes: bool) -> Iterator[Jogger]:
 
 
 def _without_live(jogger: Jogger) -> None:
-    """Nobody uses the camera any more when it is closed."""
-    from mvp.cell.interrupts import uninterrupted
+    """Nobody uses the camera any more when it is closed; Ctrl-C waits no longer."""
     from mvp.cli.progress import phase
 
-    if jogger.live.is_on:
-        phase("ending the live picture")
-    with uninterrupted():
+    try:
+        if jogger.live.is_on:
+            phase("ending the live picture")
         jogger.live.end()
+    except KeyboardInterrupt:
+        # What ended the command stays what is told; the devices are closed all the same.
+        phase("closing the camera before the live picture has ended")
 
 
 def _follow(

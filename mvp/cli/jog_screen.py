@@ -50,7 +50,7 @@ def carry_out(jogger: Jogger, command: JogCommand, *, follow: bool) -> str:
     do, stop = partial(jogger.do, command), jogger.devices.stop
     if not follow:
         return call_beside(do, stop)
-    with LivePosition(jogger.position) as position, _in_place() as draw:
+    with LivePosition(jogger.following()) as position, _in_place() as draw:
 
         def look() -> None:
             draw(position.text)

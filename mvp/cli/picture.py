@@ -80,15 +80,21 @@ def save_picture(path: Path, frame: Frame) -> None:
     """The picture as it is, lossless; whoever reads the file finds a whole picture.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: it cannot be written; the file is as before.
     """
     import cv2
 
     done, data = cv2.imencode(".png", frame.pixels)
+    if not done:
+        raise OutputError(
+            f"{path}: the picture cannot be made a PNG",
+            hint="a PNG holds 8 or 16 bit grey: check the camera's pixel format",
+            where=str(path),
+        )
     # A name of one's own: the live picture may be written to the same file.
     partial = path.with_name(f".{path.name}.{threading.get_ident()}.part")
     try:
-        partial.write_bytes(data.tobytes() if done else b"")
+        partial.write_bytes(data.tobytes())
         partial.replace(path)
     except OSError as error:
         with suppress(OSError):

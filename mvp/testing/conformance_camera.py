@@ -213,8 +213,10 @@ class CameraConformance(DeviceConformance):
             camera.configure(exposure_s=asked)
             before = self._capture(camera)
             self.lose()
-            self._ends_in_an_error(camera)
-            self.bring_back()
+            try:
+                self._ends_in_an_error(camera)
+            finally:
+                self.bring_back()
             after = self._taken_again(camera)
         require(abs(after.exposure_s - asked) <= 0.01 * asked, "another exposure")
         require(after.pixels.shape == before.pixels.shape, "another size")
@@ -241,6 +243,7 @@ class CameraConformance(DeviceConformance):
                 last = error
             with suppress(DeviceError):
                 camera.close()
+            with suppress(DeviceError):
                 camera.open()
         raise AssertionError("it does not come back") from last
 

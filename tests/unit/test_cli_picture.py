@@ -29,10 +29,12 @@ def test_who_reads_the_file_finds_a_whole_picture(tmp_path: Path) -> None:
     done = threading.Event()
 
     def write() -> None:
-        with suppress(OutputError):
-            for number in range(200):
-                save_picture(file, a_frame(number))
-        done.set()
+        try:
+            with suppress(OutputError):
+                for number in range(200):
+                    save_picture(file, a_frame(number))
+        finally:
+            done.set()
 
     writer = threading.Thread(target=write)
     writer.start()
@@ -50,6 +52,20 @@ def test_what_cannot_be_replaced_stays_and_nothing_is_left_behind(
     (tmp_path / "live.png").mkdir()
     with pytest.raises(OutputError, match=r"live\.png"):
         save_picture(tmp_path / "live.png", a_frame())
+    assert [path.name for path in tmp_path.iterdir()] == ["live.png"]
+
+
+def test_what_cannot_be_made_a_png_leaves_the_last_good_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "live.png"
+    save_picture(file, a_frame())
+    good = file.read_bytes()
+    nothing = np.empty(0, np.uint8)
+    monkeypatch.setattr(cv2, "imencode", lambda *given: (False, nothing))
+    with pytest.raises(OutputError, match=r"live\.png"):
+        save_picture(file, a_frame(1))
+    assert file.read_bytes() == good
     assert [path.name for path in tmp_path.iterdir()] == ["live.png"]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,8 +14,11 @@ import pytest
 
 from mvp.cell.beside import call_beside
 from mvp.cell.jog_camera import JogCamera
+from mvp.cell.jog_job import Jogger
+from mvp.cell.jog_lens import JogLens
 from mvp.cell.live_picture import LivePicture
 from mvp.cell.live_position import LivePosition
+from mvp.cli.jog import _without_live
 from mvp.cli.main import invoke
 from mvp.devices import Frame, RealClock
 from mvp.errors import (
@@ -29,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mvp.cell.engine import CellDevices
+    from mvp.cell.plan_job import Setting
 
 SOON_S = 20.0
 
@@ -153,6 +158,7 @@ def test_a_device_that_cannot_be_asked_now_is_asked_again() -> None:
 
 def test_an_answer_that_does_not_come_keeps_nobody_from_stopping() -> None:
     asked, answer, stopped = (threading.Event() for _ in range(3))
+    stops: list[bool] = []
 
     def ask() -> str:
         asked.set()
@@ -161,7 +167,7 @@ def test_an_answer_that_does_not_come_keeps_nobody_from_stopping() -> None:
 
     def move() -> None:
         asked.wait(SOON_S)
-        stopped.wait(SOON_S)
+        stops.append(stopped.wait(SOON_S))
         answer.set()
         raise MotionStopped("stopped", device="arm")
 
@@ -174,12 +180,17 @@ def test_an_answer_that_does_not_come_keeps_nobody_from_stopping() -> None:
         LivePosition(ask, every_s=0.001),
     ):
         call_beside(move, stopped.set, press)
+    assert stops == [True]
 
 
-def test_an_error_does_not_wait_for_an_answer() -> None:
+def test_an_error_does_not_wait_for_an_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     asked, answer = threading.Event(), threading.Event()
+    waits: list[object] = []
 
     def ask() -> str:
+        monkeypatch.setattr(threading.current_thread(), "join", waits.append)
         asked.set()
         answer.wait(SOON_S)
         return ""
@@ -188,10 +199,39 @@ def test_an_error_does_not_wait_for_an_answer() -> None:
         asked.wait(SOON_S)
         raise LinkLost("is gone", device="arm")
 
-    with pytest.raises(LinkLost), LivePosition(ask, every_s=0.001):
-        call_beside(fail, pytest.fail)
-    assert not answer.is_set()
-    answer.set()
+    try:
+        with pytest.raises(LinkLost), LivePosition(ask, every_s=0.001):
+            call_beside(fail, pytest.fail)
+    finally:
+        answer.set()
+    assert waits == []
+
+
+def test_each_command_asks_the_lens_once_and_a_late_answer_changes_no_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    hands = iter(["before", "now"])
+    monkeypatch.setattr(JogLens, "tool_from_camera", lambda lens: next(hands))
+    monkeypatch.setattr(Jogger, "_arm_words", lambda jogger, arm, hand: hand)
+    devices = SimpleNamespace(
+        arm=SimpleNamespace(state=lambda: None), camera=None, clock=RealClock()
+    )
+    jogger = Jogger(
+        cast("Setting", None),
+        cast("CellDevices", devices),
+        lambda path, frame: None,
+        lambda frame: None,
+        0.5,
+    )
+    late, next_one = jogger.following(), jogger.following()
+    assert next_one() == ""
+    with jogger.under_way.moving("the arm", 1.0):
+        assert [late(), next_one(), late(), next_one()] == [
+            "before",
+            "now",
+            "before",
+            "now",
+        ]
 
 
 def test_who_looks_is_called_in_the_callers_thread_while_it_moves() -> None:
@@ -345,6 +385,15 @@ def test_an_exposure_holds_from_the_next_picture_on() -> None:
     assert camera.configured_s == [0.01, 0.02]
     with pytest.raises(UsageError, match="1 to 500 ms"):
         taker.expose(3.0)
+
+
+def test_who_will_not_wait_for_the_last_picture_does_not_have_to() -> None:
+    def end() -> None:
+        signal.raise_signal(signal.SIGINT)
+        pytest.fail("it goes on waiting")
+
+    live = SimpleNamespace(is_on=True, end=end)
+    _without_live(cast("Jogger", SimpleNamespace(live=live)))
 
 
 # ------------------------------------------------------------------- command

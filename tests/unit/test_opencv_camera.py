@@ -18,6 +18,7 @@ from drivers._opencv import HttpExposure, V4l2Exposure, kind_of
 from drivers._opencv.controls import in_force
 from drivers._opencv.grey import as_grey
 from drivers._opencv.reader import ArrivalBound
+from drivers._opencv.replay import Replay
 from drivers._opencv.source import keep_newest
 from drivers.camera_opencv import OpencvCamera
 from mvp.devices import DeviceContext
@@ -96,6 +97,20 @@ def test_a_folder_is_replayed_in_order_and_ends_with_a_fault(tmp_path: Path) -> 
         )
     assert levels == [10, 20, 30]
     assert error.code == "end"
+
+
+def test_a_reading_error_without_a_number_still_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def torn(*given: object) -> None:
+        raise OSError("3 bytes of 7 read")
+
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((4, 6), 10, np.uint8))
+    pictures = Replay(tmp_path, loop=True, device="camera")
+    pictures.open()
+    monkeypatch.setattr(np, "fromfile", torn)
+    with pytest.raises(LinkLost, match="any more: 3 bytes of 7 read"):
+        pictures.next()
 
 
 def test_sixteen_bit_pictures_stay_sixteen_bit(tmp_path: Path) -> None:
