@@ -6,7 +6,8 @@ leaves f and Tz open while the residual stays perfect, so the tilt and the covar
 decide, not the residual.
 
 One view of a flat target leaves sx with f: it is kept as given. Points in depth tell it,
-and so do several flat views that are tilted about different axes.
+and so do several flat views that are tilted about different axes. Where several views tell
+it badly, it is kept unless they contradict it, and its doubt counts in the doubt of f.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 
 from calibration.bundle import BundleProblem, BundleState, Freedom
 from calibration.camera_verdict import FOCAL, RESIDUAL, TILT, noise_causes
-from calibration.estimate import Estimate, Fit, FitOptions, fit
+from calibration.estimate import Estimate, Fit, FitOptions, fit, weakest_direction
 from calibration.tsai.model import TSAI_NAMES, TsaiCamera
 from calibration.tsai.stages import TwoStage, two_stage
 from calibration.verdict import Cause, Verdict, judged
@@ -26,6 +27,7 @@ from mvp.errors import CalibrationError
 
 if TYPE_CHECKING:
     from calibration.observations import Observations
+    from calibration.verdict import Grade
     from mvp.geometry import FloatArray
 
 
@@ -33,8 +35,9 @@ _State: TypeAlias = BundleState[TsaiCamera]
 
 _SCALE_TOLD = 0.0005  # one sigma; half a pixel over 1,000, what a digital camera keeps
 _SCALE_OPEN = 0.005  # one sigma; no better than what is usually known of the clocks
+_CONTRADICTED = 3.0  # sigmas between the given sx and what the views say
 _SCALE_ACTION = (
-    "of a digital camera it is 1; otherwise take several views tilted by 25 to 40 deg about different axes, or a target with "
+    "of a digital camera it is 1 and can be held; otherwise take several views tilted by 25 to 40 deg about different axes, or a target with "
     "points in depth, or state sx from the clocks of camera and sampler"
 )
 
@@ -45,8 +48,9 @@ class TsaiOptions:
 
     Attributes:
         free_centre: the centre is refined too; one view of a flat target tells it badly.
-        scale: whether sx is refined: where the views tell it well, wherever they tell it
-            (refused where not), or never.
+        scale: whether sx is refined: where the views tell it well or contradict the
+            given one, wherever they tell it (refused where not), or never: then it is
+            a fact, and f is stated as well as with any other fact.
         sigma_px: one standard deviation of a coordinate; None: from the residuals.
         priors: mean and one standard deviation of some of ``TSAI_NAMES``.
     """
@@ -63,6 +67,16 @@ class TsaiOptions:
 
 
 @dataclass(frozen=True, eq=False)
+class _Solved:
+    """The refined state, which numbers were free in it, and what is to be said of sx."""
+
+    free: tuple[str, ...]
+    problem: BundleProblem[TsaiCamera]
+    found: Fit[_State]
+    scale_causes: tuple[Cause, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class TsaiEstimate:
     """The refined camera and poses, the two stages before, and how good they are.
 
@@ -70,7 +84,8 @@ class TsaiEstimate:
         camera: refined.
         state: the camera with ``camera_from_target`` of every view.
         stages: the two-stage result of every view.
-        estimate: covariance (free numbers of the camera, then six for each view).
+        estimate: covariance (free numbers of the camera, then six for each view); where
+            several views tell a kept sx badly, with what that leaves open of the others.
         free: which numbers were refined.
         errors_px: (m, 2), predicted less found.
         rms_px: root mean square of the distance of a point.
@@ -95,8 +110,8 @@ def tsai_calibrate(
     """Calibrate from one or several views that share the camera.
 
     Args:
-        camera: pitch and centre as known, sx as a start (kept where the views do not tell
-            it); f and k1 are not used.
+        camera: pitch and centre as known, sx as a start (kept where the views neither
+            tell nor contradict it); f and k1 are not used.
         seen: one or more views; all flat (z = 0), or all in depth.
         options: what is refined.
 
@@ -109,8 +124,9 @@ def tsai_calibrate(
         two_stage(camera, *seen.of_view(number)) for number in range(seen.views)
     )
     flat = all(stage.coplanar for stage in stages)
-    free, problem, found = _solved(seen, _start(stages), camera.sx, flat, options)
-    errors = problem.errors_px(found.state)
+    solved = _solved(seen, _start(stages), camera.sx, flat, options)
+    found = solved.found
+    errors = solved.problem.errors_px(found.state)
     rms = float(np.sqrt((errors**2).sum(axis=1).mean()))
     tilt = float(np.degrees(found.state.tilt_rad.max()))
     verdict = judged(
@@ -119,14 +135,14 @@ def tsai_calibrate(
         RESIDUAL.check(rms / np.sqrt(2)),
         noise_causes(found.estimate, options.sigma_px),
         _folded(found.state, seen),
-        () if "sx" in free else (_kept(camera.sx, options),),
+        solved.scale_causes,
     )
     return TsaiEstimate(
         found.state.camera,
         found.state,
         stages,
         found.estimate,
-        free,
+        solved.free,
         errors,
         rms,
         tilt,
@@ -140,28 +156,72 @@ def _solved(
     given_sx: float,
     flat: bool,
     options: TsaiOptions,
-) -> tuple[tuple[str, ...], BundleProblem[TsaiCamera], Fit[_State]]:
-    """With sx free where it is told, otherwise as given."""
+) -> _Solved:
+    """With sx free where it is told or contradicted, otherwise as given."""
     held = ("f_mm", "k1_per_mm2") + ("cx_px", "cy_px") * options.free_centre
     one_flat = flat and seen.views == 1
-    if options.scale == "free" and one_flat:
+    if options.scale == "held":
+        return _held(seen, start, given_sx, held, options, "as asked")
+    if one_flat and options.scale == "free":
         raise CalibrationError(
             "one view of a flat target does not tell sx, the scale along the rows",
             hint=_SCALE_ACTION,
         )
-    if options.scale != "held" and not one_flat:
-        free = (*held, "sx")
-        problem, found = _refined(seen, start, free, options)
-        sigma = found.estimate.sigma_of("sx") / found.state.camera.sx
-        if sigma <= (_SCALE_OPEN if options.scale == "free" else _SCALE_TOLD):
-            return free, problem, found
-        if options.scale == "free":
-            raise CalibrationError(
-                f"these views tell sx, the scale along the rows, to {100 * sigma:.2g} % only",
-                hint=_SCALE_ACTION,
-            )
+    if one_flat:
+        why = "one view of a flat target does not tell it, and f is stated as if it were right"
+        return _held(seen, start, given_sx, held, options, why)
+    free = (*held, "sx")
+    problem, found = _refined(seen, start, free, options)
+    sx, sigma = found.state.camera.sx, found.estimate.sigma_of("sx")
+    percent = f"{100 * sigma / sx:.2g} %"
+    if options.scale == "free" and not sigma <= _SCALE_OPEN * sx:
+        raise CalibrationError(
+            f"these views tell sx, the scale along the rows, to {percent} only",
+            hint=_SCALE_ACTION,
+        )
+    if options.scale == "free" or sigma <= _SCALE_TOLD * sx:
+        return _Solved(free, problem, found)
+    if abs(sx - given_sx) > _CONTRADICTED * sigma:
+        return _Solved(free, problem, found, (_contradicted(sx, given_sx, sigma),))
+    why = f"these views tell it only to {percent}, which counts in the doubt of f"
+    solved = _held(seen, start, given_sx, held, options, why)
+    return replace(solved, found=_doubted(solved, found.estimate))
+
+
+def _held(
+    seen: Observations,
+    start: _State,
+    given_sx: float,
+    free: tuple[str, ...],
+    options: TsaiOptions,
+    why: str,
+) -> _Solved:
     start = replace(start, camera=replace(start.camera, sx=given_sx))
-    return held, *_refined(seen, start, held, options)
+    message = f"sx, the scale along the rows, is kept at {given_sx:.6g}: {why}"
+    cause = Cause("scale-kept", "go", message, _SCALE_ACTION)
+    return _Solved(free, *_refined(seen, start, free, options), (cause,))
+
+
+def _doubted(held: _Solved, open_scale: Estimate) -> Fit[_State]:
+    """The fit with sx kept; the covariance also has what its doubt does to the rest."""
+    row = open_scale.names.index("sx")
+    shift = np.delete(open_scale.covariance[row], row) / open_scale.sigma_of("sx")
+    estimate = held.found.estimate
+    covariance = estimate.covariance + np.outer(shift, shift)
+    weakest = weakest_direction(estimate.names, covariance, held.problem.scales)
+    return replace(
+        held.found, estimate=replace(estimate, covariance=covariance, weakest=weakest)
+    )
+
+
+def _contradicted(sx: float, given_sx: float, sigma: float) -> Cause:
+    message = (
+        f"sx, the scale along the rows, is found at {sx:.6g}, "
+        f"{abs(sx - given_sx) / sigma:.2g} sigmas from the given {given_sx:.6g}; "
+        f"these views tell it only to {100 * sigma / sx:.2g} %"
+    )
+    grade: Grade = "go" if sigma <= _SCALE_OPEN * sx else "marginal"
+    return Cause("scale-contradicted", grade, message, _SCALE_ACTION)
 
 
 def _start(stages: tuple[TwoStage, ...]) -> _State:
@@ -205,12 +265,6 @@ def _freedom(camera: TsaiCamera, seen: Observations, free: tuple[str, ...]) -> F
     scales = [camera.f_mm / reach_px, 1.0, 1.0, 1 / reach_px]
     scales += [camera.pitch_y_mm / reach_mm**3]
     return Freedom(free, np.eye(5)[:, index], np.array(scales)[index])
-
-
-def _kept(sx: float, options: TsaiOptions) -> Cause:
-    why = "as asked" if options.scale == "held" else "these views tell it no better"
-    message = f"sx, the scale along the rows, is kept at {sx:.6g}: {why}"
-    return Cause("scale-kept", "go", message, _SCALE_ACTION)
 
 
 def _folded(state: _State, seen: Observations) -> tuple[Cause, ...]:

@@ -285,6 +285,52 @@ def test_flat_views_from_one_side_do_not_tell_the_scale():
         tsai_calibrate(A, seen, TsaiOptions(scale="free", sigma_px=0.5))
 
 
+ONE_SIDE = [(30, 0, 0), (25, 5, 0)]
+
+
+def test_a_scale_that_the_views_contradict_is_not_kept():
+    camera = A.with_values(A.values * [1, 1, 1, 1.005, 1])
+    scaled = []
+    for seed in range(6):
+        seen = turned_views(camera, ONE_SIDE, np.random.default_rng(seed), 0.3)
+        found = tsai_calibrate(A, seen, TsaiOptions(sigma_px=0.3))
+        assert "sx" in found.free
+        assert "scale-contradicted" in found.verdict.codes()
+        assert "tell it only to 0.05" in " ".join(found.verdict.reasons)
+        off = found.camera.values - camera.values
+        scaled.append(
+            [
+                off[0] / found.estimate.sigma_of("f_mm"),
+                off[3] / found.estimate.sigma_of("sx"),
+            ]
+        )
+    assert rms(scaled) < 1.7
+
+
+def test_a_contradicting_scale_that_is_coarse_is_marginal_by_itself():
+    camera = A.with_values(A.values * [1, 1, 1, 1.0617, 1])
+    tilts = [(30, 0, 0), (31, 0, 0)]
+    seen = turned_views(camera, tilts, np.random.default_rng(3), 0.5)
+    found = tsai_calibrate(A, seen, TsaiOptions(sigma_px=0.5))
+    causes = {cause.code: cause for cause in found.verdict.causes}
+    assert causes["scale-contradicted"].grade == "marginal"
+    assert found.verdict.grade == "no-go"
+
+
+def test_a_scale_that_is_kept_leaves_its_doubt_in_f():
+    seen = turned_views(A, ONE_SIDE, np.random.default_rng(1), 0.3)
+    kept, held = (
+        tsai_calibrate(A, seen, TsaiOptions(scale=scale, sigma_px=0.3))
+        for scale in ("where-seen", "held")
+    )
+    free = tsai_calibrate(A, seen, TsaiOptions(scale="free", sigma_px=0.3))
+    assert kept.camera == held.camera
+    assert "counts in the doubt of f" in " ".join(kept.verdict.reasons)
+    doubt = [one.estimate.sigma_of("f_mm") for one in (kept, free, held)]
+    assert doubt[0] == pytest.approx(doubt[1], rel=0.02)
+    assert doubt[0] > 2 * doubt[2]
+
+
 def test_a_scale_that_is_held_stays_also_in_depth():
     points = target(A, A_SIZE, 500.0, depth_mm=60.0, planes=3)
     rng = np.random.default_rng(6)
