@@ -50,6 +50,7 @@ def target_sheet(printed: TargetPrint, paper: str) -> TargetSheet:
         CalibrationError: as for ``target_pdf``.
     """
     target = target_of_print(printed, 0.0)
+    paper = _paper_name(paper)
     page = _page_mm(target, paper)
     return TargetSheet(
         target_pdf(target, paper=paper),
@@ -67,7 +68,7 @@ def write_target_pdf(path: Path, target: Target, *, paper: str = "A4") -> None:
     Args:
         path: of the file; replaced if it exists.
         target: what to draw.
-        paper: a name of ``PAPERS_MM``.
+        paper: a name of ``PAPERS_MM``, in capitals or not.
 
     Raises:
         CalibrationError: unknown paper or markers, or the target does not fit on it.
@@ -102,11 +103,18 @@ def target_pdf(target: Target, *, paper: str = "A4") -> bytes:
     return _document("\n".join([scale, "0 g", *drawn, *words]), page)
 
 
+def _paper_name(paper: str) -> str:
+    """As ``PAPERS_MM`` spells it."""
+    for name in PAPERS_MM:
+        if name.lower() == paper.strip().lower():
+            return name
+    raise CalibrationError(
+        f"unknown paper {paper!r}", hint=f"use one of {', '.join(PAPERS_MM)}"
+    )
+
+
 def _page_mm(target: Target, paper: str) -> tuple[float, float]:
-    if paper not in PAPERS_MM:
-        raise CalibrationError(
-            f"unknown paper {paper!r}", hint=f"use one of {', '.join(PAPERS_MM)}"
-        )
+    paper = _paper_name(paper)
     page = _fitting(target, PAPERS_MM[paper])
     if page is not None:
         return page

@@ -29,9 +29,11 @@ def draw_target(cell: str, path: Path, paper: str) -> TargetDocument:
         OutputError: the disk does not take it.
     """
     if path.suffix.lower() != ".pdf":
+        file = path.name.strip(".")
+        named = path.with_suffix(".pdf") if file else path / "target.pdf"
         raise UsageError(
             f"{path}: a target is printed from a PDF file",
-            hint=f"name it {path.with_suffix('.pdf')}",
+            hint=f"name it {named}",
             where="--out",
         )
     source, config = read_cell(cell)

@@ -14,6 +14,7 @@ import pytest
 
 from calibration.targets import Detection, detect, target_of_print
 from mvp.cell.loading import read_cell
+from mvp.cell.places import template_names
 from mvp.cli.main import invoke
 
 if TYPE_CHECKING:
@@ -77,6 +78,53 @@ def test_a_target_that_is_too_large_names_the_paper_that_takes_it(
     assert "--paper A3" in error["hint"]
     assert not out.exists()
     assert invoke(["target", cell, "--out", str(out), "--paper", "A3"]) == 0
+
+
+@pytest.mark.parametrize("name", template_names())
+def test_a_template_has_a_target_to_uncomment(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cell = tmp_path / "cell"
+    assert invoke(["init", str(cell), "--from", name]) == 0
+    capsys.readouterr()
+    line = ["target", str(cell), "--out", str(tmp_path / "t.pdf"), "--json"]
+    assert invoke(line) == 2
+    assert "no [target]" in json.loads(capsys.readouterr().out)["message"]
+    path = cell / "cell.toml"
+    head, mark, rest = path.read_text().partition("# [target]")
+    block, _, tail = rest.partition("\n\n")
+    shown = f"{mark}{block}".replace("\n# ", "\n").removeprefix("# ")
+    path.write_text(f"{head}{shown}\n\n{tail}")
+    assert invoke(line) == 0
+    assert json.loads(capsys.readouterr().out)["target_mm"] == [180.0, 135.0]
+
+
+@pytest.mark.parametrize(("paper", "name"), [("a4", "A4"), ("Letter", "letter")])
+def test_the_name_of_the_paper_may_have_capitals_or_not(
+    paper: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["target", "virtual_uncalibrated", "--out", str(tmp_path / "t.pdf")]
+    assert invoke([*line, "--paper", paper, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["paper"] == name
+
+
+@pytest.mark.parametrize(
+    ("out", "named"),
+    [
+        (".", "target.pdf"),
+        ("", "target.pdf"),
+        ("/", "/target.pdf"),
+        ("..", "../target.pdf"),
+        ("board", "board.pdf"),
+    ],
+)
+def test_a_folder_is_no_pdf_file_and_a_name_is_proposed(
+    out: str, named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert invoke(["target", "virtual_uncalibrated", "--out", out, "--json"]) == 2
+    error = json.loads(capsys.readouterr().out)
+    assert "a PDF file" in error["message"]
+    assert error["hint"] == f"name it {named}"
 
 
 @pytest.mark.parametrize(
