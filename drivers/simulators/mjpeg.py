@@ -98,7 +98,7 @@ class MjpegSimulator:
             "period_s": max(1 / config.fps, config.latency_s),
             "exposure_min_s": config.exposure_min_s,
             "exposure_max_s": config.exposure_max_s,
-            "read_timeout_s": max(2.0, 4 * config.latency_s),
+            "read_timeout_s": max(2.0, 8 * config.latency_s),
             "serial": config.serial,
         }
 
