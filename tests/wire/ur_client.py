@@ -202,6 +202,8 @@ def custom_script(host: str, faults: ControlClient) -> Said:
     body = f"\tmovej({turned(0.1)}, a=10.0, v=3.0)\n"
     said: Said = {"ran": control.sendCustomScriptFunction("own", body)}
     said["joints"] = fresh(receive, faults).getActualQ()
+    # The client comes back as soon as its script was sent, not when it runs.
+    until(control.isProgramRunning)
     said["after"] = control.moveJ(HOME, 3.0, 10.0)
     return said
 
