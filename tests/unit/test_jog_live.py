@@ -388,12 +388,16 @@ def test_an_exposure_holds_from_the_next_picture_on() -> None:
 
 
 def test_who_will_not_wait_for_the_last_picture_does_not_have_to() -> None:
+    waited: list[bool] = []
+
     def end() -> None:
+        waited.append(True)
         signal.raise_signal(signal.SIGINT)
         pytest.fail("it goes on waiting")
 
     live = SimpleNamespace(is_on=True, end=end)
     _without_live(cast("Jogger", SimpleNamespace(live=live)))
+    assert waited
 
 
 # ------------------------------------------------------------------- command
