@@ -5,6 +5,8 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
+# The tests start hundreds of processes: compiled once is enough for all of them.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help run test test-full lint bench ci-packages clean
 
