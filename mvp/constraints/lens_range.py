@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from mvp.geometry import FloatArray
-    from mvp.optics import AxisName, LensTable, Views
+    from mvp.optics import AxisName, LensTable, MotorAxis, Views
 
 Quantity: TypeAlias = Literal["d", "d - f", "f", "a"]
 
@@ -118,25 +118,42 @@ class LensRange:
         if self.table is None:
             value = self.rows(views, gradient=False).value
             return worst_of("mm", value, self.labels)
-        steps = [self._steps_left(bound, views, self.table) for bound in self.bounds]
-        return worst_of("steps", np.stack(steps, axis=1), self.labels)
+        left = _steps_left(self.bounds, views, self.table)
+        return worst_of("steps", left, self.labels)
 
-    def _steps_left(
-        self, bound: LensBound, views: Views, table: LensTable
-    ) -> FloatArray:
-        """(N,) steps from the view's setting to one bound, positive inside."""
-        base = views.f_mm + table.tube_mm
-        if bound.quantity == "f":
-            axis, value, limit = table.zoom, views.f_mm, np.array(bound.limit_mm)
-        elif bound.quantity == "a":
-            axis, value, limit = table.iris, views.a_mm, np.array(bound.limit_mm)
-        elif bound.quantity == "d":
-            axis, value, limit = table.focus, views.d_mm - base, bound.limit_mm - base
-        else:
-            axis, value = table.focus, views.d_mm - base
-            limit = np.array(bound.limit_mm - table.tube_mm)
-        apart = axis.fractional_steps(value) - axis.fractional_steps(limit)
-        return np.asarray(bound.sign * axis.sense * apart)
+
+def _steps_left(
+    bounds: tuple[LensBound, ...], views: Views, table: LensTable
+) -> FloatArray:
+    """(N, R) steps from the views' settings to every bound, positive inside.
+
+    All questions about one motor are asked at once.
+    """
+    asked = [_motor(bound, views, table) for bound in bounds]
+    left = np.empty((len(views), len(bounds)))
+    for axis in (table.zoom, table.focus, table.iris):
+        own = [k for k, (its, *_) in enumerate(asked) if its is axis]
+        if not own:
+            continue
+        pairs = np.stack([np.broadcast_arrays(*asked[k][1:]) for k in own])
+        at, end = np.moveaxis(axis.fractional_steps(pairs), 1, 0)
+        sign = np.array([bounds[k].sign for k in own])[:, None]
+        left[:, own] = (sign * axis.sense * (at - end)).T
+    return left
+
+
+def _motor(
+    bound: LensBound, views: Views, table: LensTable
+) -> tuple[MotorAxis, FloatArray, FloatArray]:
+    """Whose bound it is, and in that motor's mm the views' values and the limit."""
+    if bound.quantity == "f":
+        return table.zoom, views.f_mm, np.array(bound.limit_mm)
+    if bound.quantity == "a":
+        return table.iris, views.a_mm, np.array(bound.limit_mm)
+    base = views.f_mm + table.tube_mm
+    if bound.quantity == "d":
+        return table.focus, views.d_mm - base, bound.limit_mm - base
+    return table.focus, views.d_mm - base, np.array(bound.limit_mm - table.tube_mm)
 
 
 def _both_ends(quantity: Quantity, ends: tuple[float, float] | None) -> list[LensBound]:
