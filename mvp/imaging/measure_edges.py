@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 WINDOW_PX = 4.0
 SATURATED = 0.975
 FAINT = 0.03
+# A fainter step is not told from a slope of the grey across it.
+SHADED_SNR = 10.0
 _CAP = {"feature": 2400, "neighbour": 1200, "auxiliary": 900}
-_SNR_FOR_SHADING = 10.0
 _SMALLEST_SNR = 4.0
 _FEWEST_PIXELS = 40
 
@@ -204,7 +205,7 @@ def _fit(
         shading=False,
     )
     height = abs(float(fit.high[0] - fit.low[0]))
-    if height > _SNR_FOR_SHADING * max(fit.noise, picture.noise):
+    if height > SHADED_SNR * max(fit.noise, picture.noise):
         fit = fit_step(
             samples,
             picture.plane.optics,

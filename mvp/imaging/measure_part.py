@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mvp.imaging.cause import exposure_fault
-from mvp.imaging.measure_edges import SATURATED, trim_px
+from mvp.imaging.measure_edges import SATURATED, SHADED_SNR, trim_px
 from mvp.imaging.measure_exposure import feature_exposure
-from mvp.imaging.measure_view import MeasuredView, measure_view
+from mvp.imaging.measure_view import CLIPPED, MeasuredView, measure_view
 from mvp.imaging.verify import picture_of
 from mvp.imaging.verify_holes import hole_report
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 # Lines of a drawing and of a picture agree no better: rounded edges, lens model.
 _MODEL_PX = 0.03
 _LARGEST_MISFIT = 6.0
-_CLIPPED_SHARE = 0.2
 _SHORTEST_PX = 12.0
 
 
@@ -119,12 +118,17 @@ class _OnRim:
 
 
 def _clean(edge: ExpectedEdge, found: EdgeMeasurement) -> bool:
-    """One line beside which nothing else was taken for it."""
+    """One line beside which nothing else was taken for it, and that nothing moved.
+
+    Clipping moves a line towards its dark side; where shading cannot be told from the
+    step, so does shading.
+    """
     return (
         found.found
         and not edge.crowded
         and found.covariance is not None
-        and found.saturated < _CLIPPED_SHARE
+        and found.saturated <= CLIPPED
+        and found.snr > SHADED_SNR
         and found.misfit < _LARGEST_MISFIT
         and edge.length_px >= _SHORTEST_PX
     )
@@ -144,9 +148,17 @@ def _on_edge(
         edge.name,
         np.stack([edge.start_mm, edge.end_mm]),
         picture.plane.raw(places),
-        float(np.sqrt(2 * offset + 2 * _MODEL_PX**2)),
+        float(np.sqrt(2 * (offset + _MODEL_PX**2 + _unexplained_px(found) ** 2))),
         agrees,
     )
+
+
+def _unexplained_px(found: EdgeMeasurement) -> float:
+    """What the step's model leaves beyond noise, as a shift of the line.
+
+    It is alike all along a line: many pixels do not average it away.
+    """
+    return float(np.sqrt(max(found.misfit**2 - 1, 0.0)) / found.snr)
 
 
 def _rims(

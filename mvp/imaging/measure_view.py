@@ -34,7 +34,7 @@ _POSE_GAIN = 0.6
 # A similarity this good leaves nothing to explain.
 _FINE_PX = 0.15
 # Clipping moves an edge towards its dark side.
-_CLIPPED = 0.05
+CLIPPED = 0.05
 _CLIPPED_PX = 1.0
 
 
@@ -167,7 +167,7 @@ def _aligned(
         residual[use] = [found[i].offset_px for i in use]
         agrees[use] = True
     else:
-        clipped = np.array([found[i].saturated > _CLIPPED for i in use])
+        clipped = np.array([found[i].saturated > CLIPPED for i in use])
         sound = use if (~clipped).sum() < _FEWEST_EDGES else use[~clipped]
         fit = _fit(expectation, alignment, found, sound)
         total, scale_sd = alignment.then(fit.alignment), fit.scale_sd
