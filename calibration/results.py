@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mvp.geometry import FloatArray
     from mvp.optics import Sensor
 
-_FILE_NAMES = {"cx_px": "centre_x_px", "cy_px": "centre_y_px"}
+FILE_NAMES = {"cx_px": "centre_x_px", "cy_px": "centre_y_px"}
 
 
 def quality_of(
@@ -110,7 +110,7 @@ def camera_calibration(
     camera = found.camera
     spread = np.sqrt(np.diag(found.camera_covariance))
     deviations = {
-        _FILE_NAMES.get(name, name): float(value)
+        FILE_NAMES.get(name, name): float(value)
         for name, value in zip(CAMERA_NAMES, spread, strict=True)
         if value > 0
     }

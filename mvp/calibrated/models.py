@@ -18,10 +18,11 @@ TemperatureSource: TypeAlias = Literal["device", "cell-file", "operator", "unkno
 class Provenance(FileModel):
     """Where a result comes from and what it may be used for.
 
-    ``origin``: measured on the device, or taken from its data sheet. ``serial_numbers``:
-    of every device that took part, by its role in the cell. ``built_on``: hashes of the
-    calibrations that it was computed with, by name (``inputs_sha256``); empty: it does
-    not say. ``temperature_source``: who knew ``temperature_c``; None: it does not say.
+    ``origin``: measured on the device; or taken from its data sheet, or imported without
+    a word of which device it is. ``serial_numbers``: of every device that took part, by
+    its role in the cell. ``built_on``: hashes of the calibrations that it was computed
+    with, by name (``inputs_sha256``); empty: it does not say. ``temperature_source``: who
+    knew ``temperature_c``; None: it does not say.
     """
 
     date: str

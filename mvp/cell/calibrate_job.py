@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 _SPARE_BYTES, _PICTURES = 20_000_000, 100
-_LOCK_NAME = ".calibrate.lock"
+LOCK_NAME = ".calibrate.lock"
 _LOG_FILE = "log.jsonl"
 _PLACES = 30  # about as many as a wizard visits
 # What a wizard relies on must have been measured with the devices that are there.
@@ -154,7 +154,7 @@ def _taken(
     key, folder = request.key, _folder(setting, wizard)
     with ExitStack() as stack:
         stack.enter_context(using_devices(setting.cell, who=f"calibrate {key}"))
-        lock = folder / _LOCK_NAME
+        lock = folder / LOCK_NAME
         stack.enter_context(cell_lock(lock, run_id=f"calibrate {key}"))
         path = _session_path(folder, request)
         devices = stack.enter_context(devices_for(setting, tell))

@@ -42,6 +42,7 @@ _MADE_WITH = {
     "hand_eye": "arm",
     "part_pose": "arm",
 }
+IMPORTED = "imported"  # code of the cause of every result of another program
 _OTHER_TABLE = 0.03  # of f and d: nominal and measured tables differ by so much
 _WARM_K = 5.0  # where a file states a temperature, but no range
 
@@ -128,14 +129,15 @@ def of_file(
     if model.quality.verdict != "go" and not excused:
         yield _poor(name, path, model.quality)
     if nominal:
-        yield Objection(
-            name,
-            path,
-            f"{path}: the {name} calibration is nominal: taken from data sheets, nothing "
-            "of this cell was measured",
-            measure_again(name),
-            refused=not simulated,
-        )
+        yield _nominal(name, path, model.quality, refused=not simulated)
+
+
+def _nominal(name: str, path: Path, quality: Quality, *, refused: bool) -> Objection:
+    why = "taken from data sheets, nothing of this cell was measured"
+    if any(cause.code == IMPORTED for cause in quality.causes):
+        why = "imported, and nobody says of which camera it was measured and when"
+    text = f"{path}: the {name} calibration is nominal: {why}"
+    return Objection(name, path, text, measure_again(name), refused=refused)
 
 
 def _poor(name: str, path: Path, quality: Quality) -> Objection:

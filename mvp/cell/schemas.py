@@ -21,6 +21,7 @@ from mvp.cell.documents import (
     RunsDocument,
     TargetDocument,
 )
+from mvp.cell.exchange_documents import ExportCameraDocument, ImportCameraDocument
 from mvp.cell.features_document import FeaturesDocument
 from mvp.cell.home_job import HomeDocument
 from mvp.cell.jog_job import JogDocument
@@ -61,6 +62,8 @@ MODELS: dict[str, type[BaseModel]] = {
     "init": InitDocument,
     "calibrate": CalibrateDocument,
     "truth": TruthDocument,
+    "export-camera": ExportCameraDocument,
+    "import-camera": ImportCameraDocument,
     "calibration-session": SessionFile,
     "calibration-sample": Sample,
 }

@@ -45,7 +45,7 @@ def features(
     ] = False,
     as_json: JsonOption = False,
 ) -> int:
-    """List edges, holes and faces of a CAD file, with ids for a task."""
+    """List edges, holes and faces of a CAD file, with their ids."""
     from mvp.cell.features_document import features_document
     from mvp.cli.output import console, print_model
     from mvp.geometry import load_part

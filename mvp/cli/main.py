@@ -31,6 +31,8 @@ _COMMANDS = (
     "jog",
     "target",
     "calibrate",
+    "export-camera",
+    "import-camera",
     "truth",
     "simulate",
     "drivers",
@@ -102,8 +104,9 @@ def build_app() -> typer.Typer:
     )
     app.callback()(_options)
     for name in _COMMANDS:
-        module = importlib.import_module(f"mvp.cli.{name}")
-        app.command(name, cls=_Command)(getattr(module, name))
+        place = name.replace("-", "_")
+        module = importlib.import_module(f"mvp.cli.{place}")
+        app.command(name, cls=_Command)(getattr(module, place))
     return app
 
 

@@ -20,7 +20,7 @@ def target(
     ] = "A4",
     as_json: JsonOption = False,
 ) -> int:
-    """Write the calibration target of a cell as a PDF at true scale."""
+    """Write the calibration target of a cell as a PDF, to scale."""
     from mvp.cell.target_job import draw_target
     from mvp.cli.output import console, print_model
 

@@ -43,6 +43,12 @@ store with ``remember`` before it goes on; all randomness comes from ``bench.rng
 a number that the store tells.
 """
 
+from mvp.wizard.camera_files import (
+    CameraFiles,
+    CameraStatement,
+    ImportedCamera,
+    load_camera_files,
+)
 from mvp.wizard.facts import SessionFacts, TargetFacts
 from mvp.wizard.part import PartSights, SeenPart, SightView
 from mvp.wizard.protocol import (
@@ -79,8 +85,11 @@ __all__ = [
     "Answer",
     "Ask",
     "Bench",
+    "CameraFiles",
+    "CameraStatement",
     "Covered",
     "Forecast",
+    "ImportedCamera",
     "Outcome",
     "PartSights",
     "Refusal",
@@ -103,6 +112,7 @@ __all__ = [
     "WizardOptions",
     "Word",
     "Working",
+    "load_camera_files",
     "load_target_drawer",
     "load_wizard",
     "wizard_keys",

@@ -17,6 +17,7 @@ from calibration.exchange import (
     parse_camera,
     read_camera,
     ros_camera_info,
+    with_notes,
 )
 from calibration.plain_yaml import PlainYamlError, read_plain_yaml
 from calibration.projection import PinholeCamera
@@ -208,6 +209,39 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
 def test_any_text_is_read_or_refused(text):
     with contextlib.suppress(PlainYamlError):
         assert isinstance(read_plain_yaml(text), dict)
+
+
+@given(
+    st.sampled_from([opencv_yaml, ros_camera_info, kalibr_camchain]),
+    st.integers(0, 600),
+    st.integers(0, 12),
+    st.text(alphabet="0169.-e[],: \nnaif{", max_size=4),
+)
+@settings(max_examples=150, deadline=None)
+def test_a_damaged_camera_file_is_read_or_refused(write, place, count, patch):
+    text = write(FILE)
+    with contextlib.suppress(PlainYamlError, CalibrationError):
+        found = parse_camera(text[:place] + patch + text[place + count :])
+        assert isinstance(found, CameraFile)
+
+
+def test_small_numbers_are_numbers_for_every_reader():
+    file = CameraFile(PinholeCamera(500, 500, 320, 240, k1=1e-05, p1=-2e-07), 640, 480)
+    for write in (opencv_yaml, ros_camera_info, kalibr_camchain):
+        assert "1.0e-05" in write(file)
+        assert "-2.0e-07" in write(file)
+        assert parse_camera(write(file)).camera == file.camera
+
+
+def test_comments_stand_where_every_reader_passes_over_them(tmp_path):
+    text = with_notes(opencv_yaml(FILE), ["one", "two\nlines: [", ""])
+    assert text.startswith("%YAML:1.0\n---\n# one\n# two lines: [\n# \nimage_width")
+    assert with_notes(ros_camera_info(FILE), ["one"]).startswith("# one\nimage_width")
+    path = tmp_path / "camera.yml"
+    path.write_text(text)
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    assert storage.getNode("camera_matrix").mat() == pytest.approx(FILE.camera.matrix)
+    storage.release()
 
 
 def test_quotes_and_comments_are_told_apart():

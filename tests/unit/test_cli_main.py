@@ -45,7 +45,7 @@ def test_help_imports_no_heavy_library() -> None:
 def test_every_command_of_the_contract_has_help(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    for name in "run plan features check home recover truth drivers devices init runs report".split():
+    for name in "run plan features check home recover truth drivers devices init runs report export-camera import-camera".split():
         assert invoke([name, "--help"]) == 0
         told = capsys.readouterr().out
         assert "Usage: mvp-cell" in told
