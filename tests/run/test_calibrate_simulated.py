@@ -38,8 +38,8 @@ _TASK = {
 
 @pytest.fixture(
     params=[
-        pytest.param("bundled lens", id="bundled-lens"),
-        pytest.param("one zoom", id="one-zoom", marks=pytest.mark.full),
+        pytest.param("one zoom", id="one-zoom"),
+        pytest.param("bundled lens", id="bundled-lens", marks=pytest.mark.full),
         pytest.param("all zooms", id="all-zooms", marks=pytest.mark.full),
     ]
 )
