@@ -69,7 +69,7 @@ def test_without_noise_pixels_give_the_exact_transform(mount):
     found = result.solution.moving_from_camera
     assert found.target == ("tool" if mount == "eye-in-hand" else "base")
     step = difference(only(found), seen.moving_from_camera)[0]
-    assert max(size(step)) < 1e-6
+    assert max(size(step)) < 1e-9
 
 
 def _trials(count, noise, stated, first=100):

@@ -101,12 +101,16 @@ def trials(count, seed, u_mm=250.0, **options):
     return error, np.array([node.f_cal_sigma_mm for node in nodes])
 
 
+# Views, tilt in degrees, fill of the short side: at most so many um RMS.
+NODES = {(5, 30, 0.8): 2.6, (10, 30, 0.8): 1.8, (10, 15, 0.8): 6.0, (10, 30, 0.4): 8.0}
+
+
 @pytest.mark.full
-@pytest.mark.parametrize(
-    ("views", "tilt_deg", "fill", "most_um"),
-    [(5, 30, 0.8, 2.6), (10, 30, 0.8, 1.8), (10, 15, 0.8, 6.0), (10, 30, 0.4, 8.0)],
-)
-def test_the_error_of_a_node_is_that_of_its_views(views, tilt_deg, fill, most_um):
-    error, sigma = trials(30, 3, views=views, tilt_deg=tilt_deg, fill=fill)
-    assert 1e3 * np.sqrt((error**2).mean()) < most_um
-    assert 0.55 < np.mean(np.abs(error) < sigma) < 0.85
+def test_the_error_of_a_node_is_that_of_its_views():
+    """Shares of 30 trials scatter by 9 %: those within one sigma count together."""
+    inside = []
+    for (views, tilt_deg, fill), most_um in NODES.items():
+        error, sigma = trials(30, 3, views=views, tilt_deg=tilt_deg, fill=fill)
+        assert 1e3 * np.sqrt((error**2).mean()) < most_um
+        inside.append(np.abs(error) < sigma)
+    assert 0.55 <= np.mean(inside) <= 0.80
