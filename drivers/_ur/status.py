@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 
 JOINTS = 6
 _FARTHEST_RAD = 2 * math.pi + 0.1
@@ -65,7 +65,7 @@ class Status:
 
     def to_wire(self) -> dict[str, object]:
         """As JSON can carry it."""
-        return asdict(self)
+        return {name: getattr(self, name) for name in _NAMES}
 
     @classmethod
     def from_wire(cls, data: Mapping[str, object]) -> Status:
@@ -74,8 +74,7 @@ class Status:
         Raises:
             Implausible: not what ``to_wire`` gives.
         """
-        names = {field.name for field in fields(cls)}
-        if set(data) != names:
+        if data.keys() != _NAMES:
             raise Implausible("not the fields of a status")
         values = {
             name: tuple(value) if isinstance(value, Sequence) else value
@@ -87,6 +86,7 @@ class Status:
             raise Implausible(str(error)) from error
 
 
+_NAMES = dict.fromkeys(field.name for field in fields(Status)).keys()
 _SIXES = ("joints_rad", "speeds_rad_s", "target_speeds_rad_s", "tcp_m_rad")
 
 

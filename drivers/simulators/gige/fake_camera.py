@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _LIBRARY = "libaravis-0.8.so.0"
 _GOBJECT = "libgobject-2.0.so.0"
-_TRIGGER_HZ = 200.0
+# Aravis looks for triggers this often, and busily through the last millisecond of each
+# wait: a picture is up to 20 ms later, and a processor is not kept busy by a fifth.
+_TRIGGER_HZ = 50.0
 _SENSOR_MAX = 8192
 _CURRENT_IP = 0x24
 # Registers of Aravis' simulated camera, from its GenICam description.

@@ -26,7 +26,7 @@ _NODE = re.compile(
     rb'(<IntReg Name="TriggerSoftwareCommandRegister".*?<Address>)0x30c(</Address>)',
     re.S,
 )
-_WATCH_S = 0.005
+_WATCH_S = 0.01
 
 
 def description_file(arv: Any, gobject: Any) -> Path:

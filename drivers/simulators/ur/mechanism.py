@@ -55,7 +55,7 @@ class Mechanism:
     @property
     def standing(self) -> bool:
         """No joint turns."""
-        return not self.rate.any()
+        return not any(self.rate.tolist())
 
     @property
     def scaling(self) -> float:
@@ -113,7 +113,7 @@ class Mechanism:
             self._stream_step(self._stream, dt_s)
         elif self._queue:
             self._move_step(dt_s)
-        elif not rate.any():
+        elif self.standing:
             self.acceleration = rate
             return
         self.rate = (self.joints - before) / dt_s
@@ -133,7 +133,7 @@ class Mechanism:
         """Bring the scaling towards the slider, or to zero while held."""
         wanted = 0.0 if self.held else self.slider
         step = dt_s / _RATE_RAMP_S
-        self._scaling += float(np.clip(wanted - self._scaling, -step, step))
+        self._scaling += min(max(wanted - self._scaling, -step), step)
 
     def _move_step(self, dt_s: float) -> None:
         motion = self._queue[0]
