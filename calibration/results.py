@@ -73,7 +73,18 @@ def quality_of(
     )
 
 
+def refused(verdict: Verdict) -> Quality:
+    """Of what gave no result: nothing but why, and what to do about it."""
+    return Quality(
+        verdict="no-go",
+        reasons=verdict.reasons,
+        causes=_causes(verdict),
+        next_action=verdict.next_action,
+    )
+
+
 def _causes(verdict: Verdict) -> list[VerdictCause]:
+    """Without remarks that do not lower the grade."""
     return [
         VerdictCause(
             code=cause.code,
@@ -82,6 +93,7 @@ def _causes(verdict: Verdict) -> list[VerdictCause]:
             action=cause.action,
         )
         for cause in verdict.ordered
+        if cause.grade != "go"
     ]
 
 

@@ -32,8 +32,11 @@ _MADE_FROM_NOTHING = "camera"  # of [calibration]: is built on no other
 
 
 def missing_of(result: Mapping[str, Any]) -> list[str]:
-    """Names of what a ``result.json`` leaves open."""
+    """Names of what a ``result.json`` leaves open; of a refused one, why it is."""
     quality, document = result["quality"], result["document"]
+    if document is None:
+        told = quality["causes"] and quality["next_action"] and quality["reasons"]
+        return [] if told else ["causes and next action"]
     stamp = document["provenance"]
     missing = [f"quality.{k}" for k in _QUALITY if quality[k] in (None, "", [])]
     missing += [

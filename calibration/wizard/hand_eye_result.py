@@ -17,6 +17,7 @@ from calibration.hand_eye import (
 )
 from calibration.poses import Poses, difference, only
 from calibration.report import about_session, hand_eye_report, render_report
+from calibration.results import refused
 from calibration.verdict import Verdict
 from calibration.wizard.before import kept, line_of
 from calibration.wizard.camera_prior import camera_prior
@@ -26,7 +27,6 @@ from calibration.wizard.points import points_of
 from calibration.wizard.provenance import provenance_of, validity_of
 from calibration.wizard.verification import Verification, verify_hand_eye
 from calibration.wizard.working import Setting, setting_of
-from mvp.calibrated import Quality
 from mvp.errors import CalibrationError
 from mvp.wizard import Outcome
 
@@ -202,10 +202,6 @@ def page_of(store: SessionStore, outcome: Outcome) -> str:
 
 
 def _nothing(result: HandEyeResult, data: HandEyeData) -> Outcome:
-    verdict = result.verdict
-    quality = Quality(
-        verdict="no-go", reasons=verdict.reasons, next_action=verdict.next_action
-    )
-    return Outcome(
-        KEY, None, quality, tuple(verdict.reasons), {"result": result, "data": data}
-    )
+    quality = refused(result.verdict)
+    lines = ("these views give no transform from the camera to the tool",)
+    return Outcome(KEY, None, quality, lines, {"result": result, "data": data})

@@ -19,6 +19,7 @@ from calibration.lens_table import (
     separate,
 )
 from calibration.lens_table.zoom_curves import WORDS
+from calibration.results import refused
 from calibration.wizard.before import half_field_mm, kept, line_of
 from calibration.wizard.compare_lens import compare_lens_tables
 from calibration.wizard.lens_irises import irises_of
@@ -84,7 +85,7 @@ def outcome_of(store: SessionStore) -> Outcome:
     )
     tables = build_tables(data)
     if tables.table is None:
-        return _nothing(tables, nodes)
+        return without_table(tables, nodes)
     held = verified(store, tables, nodes)
     return _told(store, tables, nodes, held, irises)
 
@@ -288,10 +289,8 @@ def _changed(tables: LensTables) -> tuple[str, ...]:
     return (f"the zoom also changes {', '.join(names)}",) if names else ()
 
 
-def _nothing(tables: LensTables, nodes: Sequence[NodeResult]) -> Outcome:
-    verdict = judge_lens(tables)
-    quality = Quality(
-        verdict="no-go", reasons=verdict.reasons, next_action=verdict.next_action
-    )
+def without_table(tables: LensTables, nodes: Sequence[NodeResult]) -> Outcome:
+    """Of nodes that make no table: why, and what to do."""
     details = {"tables": tables, "nodes": tuple(nodes)}
-    return Outcome(KEY, None, quality, tuple(verdict.reasons), details)
+    lines = ("these pictures give no lens table",)
+    return Outcome(KEY, None, refused(judge_lens(tables)), lines, details)

@@ -19,6 +19,7 @@ from calibration.lens_table import (
     judge_lens,
     measure_hysteresis,
 )
+from calibration.wizard.lens_result import without_table
 from mvp.calibrated import LensTableCalibration
 from mvp.errors import CalibrationError, InputError
 from mvp.optics import LensTable
@@ -246,7 +247,13 @@ def test_an_iris_that_turns_back_gives_no_file(good):
     iris = {**good.iris, 300: Measured(3.9, 0.01)}
     tables = build_tables(replace(good, nodes=short, iris=iris))
     assert tables.table is None
-    assert judge_lens(tables).grade == "no-go"
+    verdict = judge_lens(tables)
+    assert verdict.grade == "no-go"
+    outcome = without_table(tables, ())
+    causes = {cause.code: cause.grade for cause in outcome.quality.causes}
+    assert causes == {c.code: c.grade for c in verdict.causes if c.grade != "go"}
+    assert outcome.quality.next_action == verdict.next_action
+    assert outcome.document is None
     with pytest.raises(CalibrationError, match="rise or fall"):
         calibration_file(tables, IDENTITY)
 

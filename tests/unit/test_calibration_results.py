@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from calibration.camera import CameraOptions, calibrate_camera
 from calibration.observations import Observations
 from calibration.projection import PinholeCamera, project
-from calibration.results import camera_calibration
+from calibration.results import camera_calibration, refused
+from calibration.verdict import Cause, Verdict
 from mvp.calibrated import (
     CameraCalibration,
     LensTableCalibration,
@@ -81,6 +83,22 @@ def test_a_camera_result_survives_its_file():
     assert "k2" not in back.standard_deviation
     assert json.loads(text)["provenance"]["serial_numbers"] == {"lens": "L7"}
     assert back.quality.weakest_direction
+
+
+def test_a_refused_camera_says_why_in_codes_and_remarks_are_none():
+    causes = (
+        Cause("remark", "go", "by the way", ""),
+        Cause("vague", "marginal", "it is vague", "look again"),
+        Cause("one-axis", "no-go", "one axis only", "turn about another"),
+    )
+    found = replace(calibrated(), verdict=Verdict(causes))
+    stamp = Provenance(date="2026-11-22", device_serial="C1", method="3 views")
+    sensor = Sensor(1280, 1024, 0.005, 0.005)
+    quality = camera_calibration(found, sensor=sensor, provenance=stamp).quality
+    assert [cause.code for cause in quality.causes] == ["one-axis", "vague"]
+    assert quality.verdict == "no-go"
+    assert quality.next_action == "turn about another"
+    assert quality.causes == refused(found.verdict).causes
 
 
 def test_a_covariance_that_does_not_fit_its_names_is_refused():
