@@ -8,6 +8,7 @@ views that have no part in the result.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -29,6 +30,7 @@ from calibration.wizard.next_pose import (
     choose,
     views_until,
 )
+from calibration.wizard.phases import in_phases
 from calibration.wizard.preflight import before_pictures, temperature_told
 from calibration.wizard.session_store import SessionStore
 from calibration.wizard.working import setting_of
@@ -72,11 +74,13 @@ class CameraWizard:
         yield from _pre_flight(lookout)
         setting = setting_of(store)
         bench.set_lens(zoom=setting.zoom, focus=setting.focus, iris=setting.iris)
-        yield from _first_view(lookout, setting)
         most = options.most_samples or MOST_VIEWS
-        word = yield from _telling_views(lookout, setting, most)
-        if word is not Word.FINISH:
-            yield from _held_out_views(lookout, setting)
+        yield from in_phases(
+            store,
+            partial(_first_view, lookout, setting),
+            partial(_telling_views, lookout, setting, most),
+            partial(_held_out_views, lookout, setting),
+        )
         return self.outcome(store)
 
     def outcome(self, store: SessionStore) -> Outcome:
@@ -106,7 +110,9 @@ def _pre_flight(lookout: Lookout) -> Generator[Step, Answer, None]:
     yield from before_pictures(store)
 
 
-def _first_view(lookout: Lookout, setting: Setting) -> Generator[Step, Answer, None]:
+def _first_view(
+    lookout: Lookout, setting: Setting
+) -> Generator[Step, Answer, Word | None]:
     """The whole target from the front; beside it where it is not found at once.
 
     Raises:
@@ -129,7 +135,7 @@ def _first_view(lookout: Lookout, setting: Setting) -> Generator[Step, Answer, N
             words="to a first view of the whole target",
         )
         if sample is Word.UNDO:
-            store.undo()
+            return Word.UNDO
         if sample is None or isinstance(sample, Word):
             continue
         if sample.usable:
@@ -246,7 +252,7 @@ def _telling_views(
             yield Say(f"at least {FEWEST} views are needed", "warning")
             continue
         if sample is Word.UNDO:
-            store.undo()
+            return Word.UNDO
         failures += not getattr(sample, "usable", False)
     return None
 
@@ -312,7 +318,7 @@ def _covered(progress: Progress) -> Covered:
 
 def _held_out_views(
     lookout: Lookout, setting: Setting
-) -> Generator[Step, Answer, None]:
+) -> Generator[Step, Answer, Word | None]:
     """Views as the work is done: none of them is the most telling one."""
     store, failures = lookout.store, 0
     yield Say("held-out views: they take no part in the result, and test it")
@@ -324,7 +330,7 @@ def _held_out_views(
         found = choose(flat, alike, _goals(progress, views))
         if isinstance(found, NoView):
             yield from lookout.complain(found.reason)
-            return
+            return None
         number = len(store.usable("verification")) + 1
         sample = yield from lookout.take(
             found.place,
@@ -332,8 +338,7 @@ def _held_out_views(
             role="verification",
             words=f"to held-out view {number}",
         )
-        if sample is Word.FINISH:
-            return
-        if sample is Word.UNDO:
-            store.undo()
+        if isinstance(sample, Word):
+            return sample
         failures += not getattr(sample, "usable", False)
+    return None

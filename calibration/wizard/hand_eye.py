@@ -38,6 +38,7 @@ from calibration.wizard.next_pose import (
     views_of,
     views_until,
 )
+from calibration.wizard.phases import in_phases
 from calibration.wizard.preflight import before_pictures, temperature_told
 from calibration.wizard.session_store import Sample, SessionStore
 from calibration.wizard.touch import touched, with_touch
@@ -79,9 +80,12 @@ class HandEyeWizard:
         yield from before_pictures(store)
         lookout.set_lens(setting.by_name)
         most = options.most_samples or MOST_VIEWS
-        told = yield from _calibration_views(lookout, setting, most)
+        told = yield from in_phases(
+            store,
+            partial(_calibration_views, lookout, setting, most),
+            partial(_held_out_views, lookout, setting),
+        )
         if told is not Word.FINISH:
-            yield from _held_out_views(lookout, setting)
             yield from touched(store)
         return self.outcome(store)
 
@@ -217,16 +221,14 @@ def _calibration_views(
         sample = yield from lookout.take(
             found.place, name=f"view {count + 1}", role="calibration", words=words
         )
-        if sample is Word.FINISH:
-            return Word.FINISH
-        if sample is Word.UNDO:
-            store.undo()
+        if isinstance(sample, Word):
+            return sample
         failures += not _good(sample)
     return None
 
 
-def _good(sample: Sample | Word | None) -> bool:
-    return isinstance(sample, Sample) and sample.usable
+def _good(sample: Sample | None) -> bool:
+    return sample is not None and sample.usable
 
 
 def _outlook(left: int | None) -> str:
@@ -248,7 +250,7 @@ def _covered(session: _Session) -> Covered:
 
 def _held_out_views(
     lookout: Lookout, setting: Setting
-) -> Generator[Step, Answer, None]:
+) -> Generator[Step, Answer, Word | None]:
     """Views at random where the work is done: none of them is the most telling one."""
     store, failures = lookout.store, 0
     yield Say("held-out views: they take no part in the result, and test it")
@@ -260,7 +262,7 @@ def _held_out_views(
         found = first_of(len(views), partial(session.goal, views))
         if isinstance(found, NoView):
             yield from lookout.complain(found.reason)
-            return
+            return None
         number = len(store.usable("verification")) + 1
         sample = yield from lookout.take(
             found,
@@ -268,8 +270,7 @@ def _held_out_views(
             role="verification",
             words=f"to held-out view {number}",
         )
-        if sample is Word.FINISH:
-            return
-        if sample is Word.UNDO:
-            store.undo()
+        if isinstance(sample, Word):
+            return sample if sample is Word.UNDO else None
         failures += not _good(sample)
+    return None

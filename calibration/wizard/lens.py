@@ -24,11 +24,11 @@ from calibration.wizard.lens_result import (
 from calibration.wizard.lens_travel import travelled
 from calibration.wizard.lookout import Lookout, camera_at, target_of
 from calibration.wizard.next_pose import NoView, ViewRange, candidate_views, first_of
-from calibration.wizard.preflight import before_pictures
-from calibration.wizard.provenance import TEMPERATURE
+from calibration.wizard.phases import take_back
+from calibration.wizard.preflight import before_pictures, temperature_told
 from calibration.wizard.session_store import Sample, SessionStore
 from mvp.errors import CalibrationError
-from mvp.wizard import Ask, Outcome, Refusal, Say, Word
+from mvp.wizard import Outcome, Refusal, Say, Word
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 _DISTANCES_MM = np.geomspace(110.0, 900.0, 16)
 _PLACES, _FEWEST_PLACES = 10, 2
 _HELD_OUT_SETTINGS, _HELD_OUT_VIEWS, _MOST_FAILURES = 2, 2, 6
-_COLD, _HOT = -40.0, 90.0
 
 
 class LensWizard:
@@ -63,12 +62,12 @@ class LensWizard:
     ) -> Generator[Step, Answer, Outcome]:
         """Play, nodes, iris, held-out settings; see ``Wizard``."""
         lookout = Lookout(bench, store)
-        yield from _temperature(store)
+        yield from temperature_told(store)
         yield from before_pictures(store)
         plans = yield from _planned(lookout, self._grid or store.facts.lens_grid)
         finished: set[tuple[int, int]] = set()
         while (yield from self._phases(lookout, plans, finished)) is Word.UNDO:
-            undone = yield from lookout.take_back()
+            undone = yield from take_back(store)
             if undone is not None:
                 steps = undone.lens_steps
                 finished.discard((steps["zoom"], steps["focus"]))
@@ -111,29 +110,6 @@ class LensWizard:
     def page(self, store: SessionStore, outcome: Outcome) -> str:
         """The report; see ``Wizard``."""
         return page_of(store, outcome)
-
-
-def _temperature(store: SessionStore) -> Generator[Step, Answer, None]:
-    """From the device, else from the operator, else unknown, which is said."""
-    if store.facts.temperature_c is not None or store.recall(TEMPERATURE) is not None:
-        return
-    told = yield Ask(
-        TEMPERATURE,
-        "temperature of the lens in deg C, or unknown",
-        "text",
-        "unknown",
-    )
-    try:
-        value = float(str(told).replace(",", "."))
-    except ValueError:
-        value = float("nan")
-    if _COLD < value < _HOT:
-        store.remember(TEMPERATURE, value)
-        return
-    store.remember(TEMPERATURE, "unknown")
-    yield Say(
-        "the temperature is unknown: a later change of it cannot be noticed", "warning"
-    )
 
 
 def _planned(

@@ -25,6 +25,7 @@ from calibration.poses import Poses
 from calibration.wizard.lens_nodes import samples_of
 from calibration.wizard.lookout import camera_at
 from calibration.wizard.next_pose import Refused
+from calibration.wizard.phases import take_back
 from mvp.errors import CalibrationError
 from mvp.geometry import Pose
 from mvp.wizard import Say, Word
@@ -231,7 +232,7 @@ def _line(
         if told is Word.FINISH or (told is Word.UNDO and not taken):
             return Word.FINISH if told is Word.FINISH else Word.UNDO
         if told is Word.UNDO:
-            yield from lookout.take_back()
+            yield from take_back(lookout.store)
             number = taken.pop()
             continue
         if told is not None:

@@ -256,15 +256,6 @@ class Lookout:
         )
         return sample
 
-    def take_back(self) -> Generator[Step, Answer, Sample | None]:
-        """Take the last sample back, and say which; None when there is none."""
-        undone = self.store.undo()
-        if undone is None:
-            yield Say("there is nothing to take back", "warning")
-        else:
-            yield Say(f"{undone.name} is taken back")
-        return undone
-
     def _finding(
         self, shot: Shot, *, sharp: bool, extra: Mapping[str, JsonValue] | None
     ) -> Finding:

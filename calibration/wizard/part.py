@@ -6,6 +6,8 @@ line is which. Every picture improves the belief that the next view is aimed by.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -20,6 +22,8 @@ from calibration.wizard.part_result import (
     remember_plan,
 )
 from calibration.wizard.part_sight import look
+from calibration.wizard.phases import in_phases
+from calibration.wizard.preflight import temperature_told
 from calibration.wizard.session_store import SessionStore
 from mvp.errors import LimitError
 from mvp.wizard import (
@@ -60,6 +64,7 @@ class PartWizard:
         self, bench: Bench, store: SessionStore, options: WizardOptions
     ) -> Generator[Step, Answer, Outcome]:
         """The plan's views, then others from aside; see ``Wizard``."""
+        yield from temperature_told(store)
         yield Working("planning views of the part")
         views = list(bench.sights.views())
         if not store.count:
@@ -71,27 +76,11 @@ class PartWizard:
         )
         kept_apart = int(not not_wanted(store) and len(views) > 1)
         most = min(len(views) - kept_apart, options.most_samples or len(views))
-        fewest = min(FEWEST_VIEWS, most)
-        unwanted: set[str] = set()
-        found = found_of(store)
-        while len(store.usable()) < most:
-            if len(store.usable()) >= fewest and _error_mm(found) <= BAR_MM:
-                break
-            view = _next(views, store, unwanted)
-            if view is None:
-                break
-            believed = _believed(store, found)
-            told = yield from _taken(bench, store, view, believed)
-            if told is Word.FINISH:
-                return self.outcome(store)
-            if told is Word.UNDO:
-                store.undo()
-            elif told is None:
-                unwanted.add(view.name)
-            found = found_of(store)
-            yield _covered(len(store.usable()) / fewest, found)
-        if kept_apart and found is not None:
-            yield from _kept_apart(bench, store, views, unwanted)
+        session = _Session(bench, store, views)
+        phases = [partial(_telling_views, session, most)]
+        if kept_apart:
+            phases.append(partial(_kept_apart, session))
+        yield from in_phases(store, *phases)
         return self.outcome(store)
 
     def outcome(self, store: SessionStore) -> Outcome:
@@ -103,51 +92,99 @@ class PartWizard:
         return page_of(store, outcome)
 
 
-def _kept_apart(
-    bench: Bench, store: SessionStore, views: list[SightView], unwanted: set[str]
-) -> Generator[Step, Answer, None]:
+@dataclass(frozen=True, eq=False)
+class _Session:
+    """What the phases share.
+
+    Attributes:
+        bench: moves and looks.
+        store: keeps the pictures.
+        views: where to look from, in this order.
+        unwanted: names of views that the arm cannot or should not take.
+    """
+
+    bench: Bench
+    store: SessionStore
+    views: list[SightView]
+    unwanted: set[str] = field(default_factory=set)
+
+    def next(self) -> SightView | None:
+        """The first view that nobody refused and that has no picture."""
+        return self._without({sample.name for sample in self.store.samples})
+
+    def again(self) -> SightView | None:
+        """A view whose picture was of no use while nobody knew where the part lies."""
+        samples = self.store.samples
+        return self._without(
+            {s.name for s in samples if s.usable or s.role == VERIFICATION}
+        )
+
+    def _without(self, names: set[str]) -> SightView | None:
+        left = (v for v in self.views if v.name not in names | self.unwanted)
+        return next(left, None)
+
+
+def _telling_views(
+    session: _Session, most: int
+) -> Generator[Step, Answer, Word | None]:
+    """Views until it is known well enough where the part lies."""
+    store, fewest = session.store, min(FEWEST_VIEWS, most)
+    found = found_of(store)
+    while len(store.usable()) < most:
+        if len(store.usable()) >= fewest and _error_mm(found) <= BAR_MM:
+            break
+        view = session.next()
+        if view is None:
+            break
+        word = yield from _taken(session, view, _believed(store, found))
+        if word is not None:
+            return word
+        found = found_of(store)
+        yield _covered(len(store.usable()) / fewest, found)
+    return None
+
+
+def _kept_apart(session: _Session) -> Generator[Step, Answer, Word | None]:
     """One more view, which takes no part in the result, and tests it."""
+    store = session.store
+    if not store.usable():
+        return None
     yield Say("a held-out view: it takes no part in the result, and tests it")
     while not store.usable(VERIFICATION):
-        view = _next(views, store, unwanted) or _again(views, store, unwanted)
+        view = session.next() or session.again()
         if view is None:
             yield Say("no view is left to be kept apart", "warning")
-            return
+            return None
         believed = _believed(store, found_of(store))
-        told = yield from _taken(bench, store, view, believed, role=VERIFICATION)
-        if told is Word.FINISH:
-            return
-        if told is Word.UNDO:
-            store.undo()
-        elif told is None:
-            unwanted.add(view.name)
-
-
-def _next(
-    views: list[SightView], store: SessionStore, unwanted: set[str]
-) -> SightView | None:
-    """The first view that nobody refused and that has no picture."""
-    taken = {sample.name for sample in store.samples}
-    left = (v for v in views if v.name not in taken and v.name not in unwanted)
-    return next(left, None)
-
-
-def _again(
-    views: list[SightView], store: SessionStore, unwanted: set[str]
-) -> SightView | None:
-    """A view whose picture was of no use while nobody knew where the part lies."""
-    spent = {s.name for s in store.samples if s.usable or s.role == VERIFICATION}
-    left = (v for v in views if v.name not in spent and v.name not in unwanted)
-    return next(left, None)
+        word = yield from _taken(session, view, believed, role=VERIFICATION)
+        if word is not None:
+            return word
+    return None
 
 
 def _taken(
+    session: _Session,
+    view: SightView,
+    believed: Pose,
+    *,
+    role: str = "calibration",
+) -> Generator[Step, Answer, Word | None]:
+    """Look from there; the word when one was said instead."""
+    told = yield from _looked(session.bench, session.store, view, believed, role=role)
+    if isinstance(told, Word):
+        return told
+    if told is None:
+        session.unwanted.add(view.name)
+    return None
+
+
+def _looked(
     bench: Bench,
     store: SessionStore,
     view: SightView,
     believed: Pose,
     *,
-    role: str = "calibration",
+    role: str,
 ) -> Generator[Step, Answer, Sample | Word | None]:
     """Drive there and look; None when the arm cannot or should not."""
     goal = believed @ view.part_from_camera

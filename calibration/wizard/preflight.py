@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from calibration.wizard.caliper import size_told
+from calibration.wizard.provenance import TEMPERATURE
 from mvp.wizard import Ask, Say, Wait, Word
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from mvp.wizard import Answer, Step
 
 WARM, FLAT = "warm_minutes", "target_flat"
+_COLD_C, _HOT_C = -40.0, 90.0
 WARM_MINUTES = 30.0  # after which a camera's sensor and mount hardly move any more
 
 
@@ -28,10 +30,28 @@ def before_pictures(store: SessionStore) -> Generator[Step, Answer, None]:
 
 
 def temperature_told(store: SessionStore) -> Generator[Step, Answer, None]:
-    """Say so when nobody knows how warm it is."""
-    if store.facts.temperature_c is None:
-        text = "nobody knows how warm it is: state temperature_c in [conditions]"
-        yield Say(text, "warning")
+    """From cell file or device, else from the operator, else unknown, which is said."""
+    if store.facts.temperature_c is not None or store.recall(TEMPERATURE) is not None:
+        return
+    told = yield Ask(
+        TEMPERATURE,
+        "temperature at lens and camera in deg C, or unknown",
+        "text",
+        "unknown",
+    )
+    try:
+        value = float(str(told).replace(",", "."))
+    except ValueError:
+        value = float("nan")
+    if _COLD_C < value < _HOT_C:
+        store.remember(TEMPERATURE, value)
+        return
+    store.remember(TEMPERATURE, "unknown")
+    yield Say(
+        "the temperature is unknown: a later change of it cannot be noticed; state "
+        "temperature_c in [conditions] of the cell file",
+        "warning",
+    )
 
 
 def _warm(store: SessionStore) -> Generator[Step, Answer, None]:

@@ -23,6 +23,7 @@ from mvp.kinematics import tool_from_camera_at
 from mvp.wizard import Allow, Ask, Covered, WizardOptions, Word
 from tests.complete_results import missing_of
 from tests.small_cells import REFERENCE_D, ROBOT, Cell
+from tests.wizard_play import broken_off, motions_of, taken_back
 
 
 def driven(wizard, cell, store, answers=None, most=None):
@@ -142,6 +143,33 @@ def test_a_session_without_a_usable_view_says_what_to_do(tmp_path, hand_eye):
     with pytest.raises(CalibrationError, match="no picture") as caught:
         HandEyeWizard().outcome(store)
     assert "light" in caught.value.hint
+
+
+def test_a_view_taken_back_at_the_first_held_out_one_is_taken_again(tmp_path):
+    """Also when the session breaks off there; the two views are refused by name."""
+    cell, wizard = Cell("hand-eye"), HandEyeWizard()
+    try:
+        store = SessionStore.create(tmp_path / "session", cell.facts)
+        two = WizardOptions(auto=True, most_samples=2)
+        steps = wizard.steps(cell.bench, store, two)
+        shown = broken_off(steps, True, True, Word.UNDO)
+        ways = ["to view 1", "to view 2", "to held-out view 1", "to view 2"]
+        assert motions_of(shown) == ways
+        assert taken_back(shown) == ["view 2 is taken back"]
+        store = SessionStore.open(store.path, repair=True)
+        steps = wizard.steps(cell.bench, store, two)
+        shown = broken_off(steps, True, Word.FINISH)
+        assert motions_of(shown) == ["to view 2", "to held-out view 1"]
+        assert [(s.number, s.name) for s in store.samples] == [
+            (1, "view 1"),
+            (3, "view 2"),
+        ]
+    finally:
+        cell.close()
+    outcome = wizard.outcome(store)
+    assert "few-views" in {cause.code for cause in outcome.quality.causes}
+    result = keep_result(store.path / "hand_eye.json", store, outcome)
+    assert missing_of(json.loads(result.model_dump_json(by_alias=True))) == []
 
 
 # ------------------------------------------------------------------------ verification

@@ -37,6 +37,7 @@ from mvp.wizard import (
     Word,
 )
 from tests.complete_results import missing_of
+from tests.wizard_play import broken_off, taken_back
 
 EYE = np.diag([0.15] * 3 + [4e-4] * 3) ** 2
 ROBOT_MM, ROBOT_DEG = 0.08, 0.02
@@ -380,6 +381,25 @@ def test_the_last_view_can_be_taken_back_and_enough_is_enough(tmp_path):
     answers = [True, True, Word.UNDO, True, Word.FINISH]
     _, _, store = carried_out(DrawnBench(2), tmp_path / "session", answers)
     assert [sample.name for sample in store.samples] == ["v1", "aside 1"]
+
+
+def test_a_view_taken_back_at_the_held_out_one_is_taken_again(tmp_path):
+    """Also when the session breaks off there."""
+    bench, options = DrawnBench(2), WizardOptions(auto=True)
+    store = SessionStore.create(tmp_path / "session", bench.facts)
+    steps = PartWizard().steps(bench, store, options)
+    shown = broken_off(steps, True, True, True, Word.UNDO)
+    views = [step.text.split(": ")[1] for step in shown if isinstance(step, Allow)]
+    assert views == ["v1", "aside 1", "aside 2", "aside 3", "aside 2"]
+    assert taken_back(shown) == ["aside 2 is taken back"]
+    store = SessionStore.open(store.path, repair=True)
+    broken_off(PartWizard().steps(bench, store, options), True, True)
+    assert [(s.number, s.name, s.role) for s in store.samples] == [
+        (1, "v1", "calibration"),
+        (2, "aside 1", "calibration"),
+        (4, "aside 2", "calibration"),
+        (5, "aside 3", "verification"),
+    ]
 
 
 def test_a_view_that_the_arm_cannot_take_is_said_and_left_out(tmp_path):

@@ -10,15 +10,23 @@ import numpy as np
 import pytest
 
 from calibration.hand_eye import Rehearsal, RobotNoise, calibrate_hand_eye, rehearse
+from calibration.wizard.camera import CameraWizard
+from calibration.wizard.hand_eye import HandEyeWizard
+from calibration.wizard.lens import LensWizard
+from calibration.wizard.part import PartWizard
 from calibration.wizard.preflight import FLAT, WARM, before_pictures, temperature_told
+from calibration.wizard.provenance import TEMPERATURE, temperature_of
+from calibration.wizard.session_store import SessionStore
 from calibration.wizard.touch import TOUCHED, touched, with_touch
 from mvp.calibrated import Quality
 from mvp.cli.wizard_view import TerminalView
-from mvp.wizard import Ask, Outcome, Say, Wait, Word
+from mvp.wizard import Ask, Outcome, Say, Wait, WizardOptions, Word
 from tests import wizard_play
+from tests.small_cells import Cell
 
 if TYPE_CHECKING:
     from collections.abc import Generator
+    from pathlib import Path
 
     from calibration.hand_eye import HandEyeResult
     from mvp.wizard import Answer, Step
@@ -79,11 +87,47 @@ def test_who_does_not_wait_is_warned_and_the_session_says_so() -> None:
     assert not any(isinstance(step, Wait) for step in steps)
 
 
-def test_an_unknown_temperature_is_told() -> None:
+def test_a_temperature_that_cell_file_or_device_tell_is_not_asked() -> None:
     assert played(temperature_told(Kept())) == []
-    (said,) = played(temperature_told(Kept(temperature_c=None)))
-    assert isinstance(said, Say)
-    assert said.grade == "warning"
+
+
+@pytest.mark.parametrize(
+    ("typed", "kept"),
+    [
+        ("21.5", 21.5),
+        ("21,5", 21.5),
+        (None, "unknown"),
+        ("warm", "unknown"),
+        ("294.6", "unknown"),
+        (Word.UNDO, "unknown"),
+    ],
+)
+def test_the_operator_is_asked_for_the_temperature_once(
+    typed: Answer, kept: float | str
+) -> None:
+    store: Any = Kept(temperature_c=None)
+    asked, *said = played(temperature_told(store), *([typed] if typed else []))
+    assert isinstance(asked, Ask)
+    assert asked.default == "unknown"
+    assert store.kept == {TEMPERATURE: kept}
+    warnings = [step.grade for step in said if isinstance(step, Say)]
+    known = kept != "unknown"
+    assert warnings == ([] if known else ["warning"])
+    told = (kept, "operator") if known else (None, "unknown")
+    assert temperature_of(store) == told
+    assert played(temperature_told(store)) == []  # a resumed session
+
+
+def test_every_wizard_asks_for_the_temperature_first(tmp_path: Path) -> None:
+    cell = Cell("camera")
+    try:
+        for wizard in (CameraWizard(), LensWizard(), HandEyeWizard(), PartWizard()):
+            store = SessionStore.create(tmp_path / wizard.key, cell.facts)
+            steps = wizard.steps(cell.bench, store, WizardOptions())
+            asked = next(step for step in steps if isinstance(step, Ask))
+            assert asked.key == TEMPERATURE
+    finally:
+        cell.close()
 
 
 @pytest.mark.parametrize("simulated", [True, False])
