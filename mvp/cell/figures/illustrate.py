@@ -11,23 +11,21 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh as EmbreeMesh
 from numpy.typing import NDArray
 
+from mvp.cell.figures.ray_layers import Raster, TriangleArray, cast_layers
 from mvp.geometry import Box, as_points, unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mvp.geometry import BoolArray, FloatArray, IntArray, TriangleMesh
+    from mvp.geometry import BoolArray, FloatArray, TriangleMesh
 
 Float32Array: TypeAlias = NDArray[np.float32]
 Colour: TypeAlias = tuple[float, float, float]
 
 _OVERSAMPLING = 2
 _LAYERS = 2
-_ROWS_AT_ONCE = 128
 _CREASE_COSINE = 0.985
 _LIGHTS = ((0.45, 0.35, 0.85, 0.62), (-0.7, -0.2, 0.5, 0.22))
 _AMBIENT = 0.30
@@ -128,7 +126,7 @@ class _Hits:
 
     surface: Surface
     depth: Float32Array
-    triangle: IntArray
+    triangle: TriangleArray
 
     @property
     def hit(self) -> BoolArray:
@@ -171,22 +169,16 @@ def _start(eye: Eye, surfaces: Sequence[Surface]) -> float:
 
 def _cast(surface: Surface, eye: Eye, start_mm: float, layers: int) -> list[_Hits]:
     """The first layers of a surface; rays only where it can be hit at all."""
-    mesh = surface.mesh
-    scene = rtcore_scene.EmbreeScene()
-    EmbreeMesh(scene, mesh.vertices_mm.astype(np.float32), mesh.faces.astype(np.int32))
-    columns, rows = eye.size_px
-    shape = (rows, columns)
-    depths = np.full((layers, *shape), np.inf, np.float32)
-    triangles = np.full((layers, *shape), -1, np.int64)
+    mesh, (columns, rows) = surface.mesh, eye.size_px
+    depths = np.full((layers, rows, columns), np.inf, np.float32)
+    triangles = np.full((layers, rows, columns), -1, np.int32)
     across, down = _window(mesh, eye)
-    for top in range(down.start, down.stop, _ROWS_AT_ONCE):
-        band = (slice(top, min(top + _ROWS_AT_ONCE, down.stop)), across)
-        size = (band[0].stop - band[0].start, across.stop - across.start)
-        origins = _origins(eye, start_mm, band).reshape(-1, 3)
-        found = _layers_of(scene, origins, eye, mesh, layers)
-        for layer, (depth, triangle) in enumerate(found):
-            depths[layer][band] = depth.reshape(size)
-            triangles[layer][band] = triangle.reshape(size)
+    size = (down.stop - down.start, across.stop - across.start)
+    if min(size) > 0:
+        raster = _raster(eye, start_mm, (across.start, down.start), size)
+        depth, triangle = cast_layers(mesh, raster, layers)
+        depths[:, down, across] = depth.reshape(layers, *size)
+        triangles[:, down, across] = triangle.reshape(layers, *size)
     return [_Hits(surface, depths[k], triangles[k]) for k in range(layers)]
 
 
@@ -198,43 +190,15 @@ def _window(mesh: TriangleMesh, eye: Eye) -> tuple[slice, slice]:
     return slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
 
 
-def _origins(eye: Eye, start_mm: float, band: tuple[slice, slice]) -> FloatArray:
-    """Where the rays of some rows and columns begin, (rows, columns, 3) mm."""
+def _raster(
+    eye: Eye, start_mm: float, first: tuple[int, int], size: tuple[int, int]
+) -> Raster:
+    """The rays of some columns and rows, from the first ones on."""
     right, down, forward = eye.axes
-    columns, rows = eye.size_px
-    x = (np.arange(columns)[band[1]] - (columns - 1) / 2) * eye.mm_per_px
-    y = (np.arange(rows)[band[0]] - (rows - 1) / 2) * eye.mm_per_px
+    x, y = (np.array(first) - (np.array(eye.size_px) - 1) / 2) * eye.mm_per_px
     plane = eye.target_mm + start_mm * forward
-    return np.asarray(plane + x[:, None] * right + (y[:, None] * down)[:, None])
-
-
-def _layers_of(
-    scene: rtcore_scene.EmbreeScene,
-    origins: FloatArray,
-    eye: Eye,
-    mesh: TriangleMesh,
-    layers: int,
-) -> list[tuple[Float32Array, IntArray]]:
-    """Depth (n,) and triangle (n,) of each layer; only a hit has another behind it."""
-    forward = eye.axes[2].astype(np.float32)
-    step = np.float32(1e-4 * max(1.0, mesh.extent_mm))
-    alive = np.arange(len(origins))
-    begin = origins.astype(np.float32)
-    travelled = np.zeros(len(origins), np.float32)
-    result = []
-    for _ in range(layers):
-        depth = np.full(len(origins), np.inf, np.float32)
-        triangle = np.full(len(origins), -1, np.int64)
-        directions = np.tile(forward, (len(alive), 1))
-        starts = begin[alive] + travelled[alive, None] * forward
-        found = scene.run(starts, directions, output=True)
-        hit = found["primID"] >= 0
-        alive = alive[hit]
-        triangle[alive] = found["primID"][hit]
-        depth[alive] = travelled[alive] + found["tfar"][hit]
-        travelled[alive] = depth[alive] + step
-        result.append((depth, triangle))
-    return result
+    across_mm, down_mm = right * eye.mm_per_px, down * eye.mm_per_px
+    return Raster(plane + x * right + y * down, across_mm, down_mm, forward, size)
 
 
 def _colours(hits: _Hits, eye: Eye, where: BoolArray) -> Float32Array:
