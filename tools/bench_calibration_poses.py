@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.estimate import fit
-from calibration.hand_eye import (
-    CameraPrior,
-    HandEyeData,
-    Rehearsal,
-    RobotNoise,
-    calibrate_hand_eye,
-    closed_form,
-    rehearse,
-    target_in_fixed,
-)
-from calibration.hand_eye.refine import Chain, HandEyeProblem, fixed_camera
-from calibration.hand_eye.target_poses import target_poses
-from calibration.observations import Observations
+from calibration.hand_eye import Rehearsal, RobotNoise, calibrate_hand_eye, rehearse
 from calibration.part_pose import PartSight, SeenPoints, resect
 from calibration.poses import Poses, difference, only
-from calibration.projection import PinholeCamera, project, to_normalised
+from calibration.projection import PinholeCamera, project
 from tools.bench_calibration_rows import Clock, Row, rms
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from calibration.hand_eye import HandEyeData
 
 SPEC = RobotNoise(0.2, float(np.radians(0.05)))
 STATED = RobotNoise(1.0, float(np.radians(0.25)))
@@ -41,9 +29,11 @@ PAPER = PinholeCamera(13.07 / 0.01625, 13.07 / 0.0135, 255.5, 239.5)
 CUBE = 25.4 * (
     np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) - 0.5
 )
-CHARUCO = Path(__file__).parents[2] / "shared" / "data" / "hand_eye_charuco"
-CHARUCO_ROBOT = RobotNoise(1.0, float(np.radians(0.2)))
-FITTED = PinholeCamera(1347.032, 1349.172, 772.830, 630.640, -0.0494739)
+OWN = {
+    "tsai-lenz": "our closed form, all pairs",
+    "park": "our Park, all pairs",
+    "daniilidis": "our Daniilidis, all pairs",
+}
 
 
 def opencv_pose(
@@ -110,7 +100,7 @@ def hand_eye_trials(
         step = difference(only(found.moving_from_camera), truth)[0]
         inside.append(np.abs(step) < np.sqrt(np.diag(found.covariance)))
         each = {"ours": only(found.moving_from_camera)}
-        each["closed"] = only(found.closed_forms["tsai-lenz"])
+        each |= {name: only(pose) for name, pose in found.closed_forms.items()}
         targets = clock.run("pnp", lambda d=data: opencv_targets(d, REHEARSED))
         fixed = data.fixed_from_moving
         for method in (*MOTIONS, *WORLDS):
@@ -131,14 +121,14 @@ def bench_hand_eye(trials: int, rng: np.random.Generator) -> Iterator[Row]:
         errors, honest, clock = hand_eye_trials(trials, rng, robot, stated)
         for column, (name, unit) in enumerate((("rotation", "deg"), ("place", "mm"))):
             ours = rms(errors["ours"][:, column])
-            for rival in ("closed", *MOTIONS, *WORLDS):
-                own = rival == "closed"
+            for rival in (*OWN, *MOTIONS, *WORLDS):
+                own = rival in OWN
                 yield Row(
                     f"hand-eye, {words}: {name}",
                     unit,
                     ours,
                     rms(errors[rival][:, column]),
-                    "our closed form, all pairs" if own else f"OpenCV {rival}",
+                    OWN.get(rival, f"OpenCV {rival}"),
                     bars[column],
                     honest,
                     clock.mean_s("ours"),
@@ -185,88 +175,3 @@ def bench_part(trials: int, rng: np.random.Generator) -> Iterator[Row]:
             clock.mean_s("ours"),
             clock.mean_s("cv2"),
         )
-
-
-def charuco_data() -> HandEyeData:
-    """The published eye-to-hand set: fifteen usable poses of a robot with a board."""
-    stored = np.load(CHARUCO / "corners.npz")
-    u, _, vt = np.linalg.svd(stored["G"][:, :3, :3])
-    robot = Poses(u @ vt, stored["G"][:, :3, 3] * 1000)
-    seen = Observations.from_views(
-        [stored[f"obj{i}"] * 1000.0 for i in range(len(robot))],
-        [stored[f"img{i}"].astype(float) for i in range(len(robot))],
-        size_px=(1600, 1200),
-    )
-    return HandEyeData(robot, seen, "eye-to-hand", 0.3)
-
-
-def off_the_plane_mm(
-    data: HandEyeData, camera: PinholeCamera, x: Poses, z: Poses
-) -> np.ndarray:
-    """Distances of pixels' rays from their points on the board, the robot at its word."""
-    pose = x.inverse() @ data.fixed_from_moving.inverse() @ z
-    rows = data.seen.view
-    points = Poses(pose.rotation[rows], pose.translation_mm[rows]).apply(
-        data.seen.points_target_mm
-    )
-    rays = np.pad(
-        to_normalised(camera, data.seen.pixels), ((0, 0), (0, 1)), constant_values=1.0
-    )
-    normals = pose.rotation[rows][:, :, 2]
-    reach = (normals * points).sum(axis=1) / (normals * rays).sum(axis=1)
-    return np.asarray(np.linalg.norm(rays * reach[:, None] - points, axis=1))
-
-
-def rigid(data: HandEyeData, camera: PinholeCamera) -> tuple[Poses, Poses]:
-    """The robot taken at its word: all error is the picture's."""
-    fixed = data.fixed_from_moving
-    targets = target_poses(data, camera).camera_from_target
-    x = closed_form(fixed, targets)
-    start = Chain(camera, x, target_in_fixed(fixed, x, targets), data.base_from_tool)
-    problem = HandEyeProblem(data, fixed_camera(camera), np.repeat([1e-4, 1e-7], 3))
-    state = fit(problem, start).state
-    return state.moving_from_camera, state.fixed_from_target
-
-
-def bench_charuco(trials: int, rng: np.random.Generator) -> Iterator[Row]:
-    """The ChArUco set: mean distance on the board; measured data, so one trial.
-
-    With slack the robot is not taken at its word, but this figure still does: it is
-    smallest for the fit that does so too, and says little about the others.
-    """
-    del trials, rng
-    if not (CHARUCO / "corners.npz").exists():
-        return
-    data, clock = charuco_data(), Clock()
-    x, z = clock.run("rigid", lambda: rigid(data, FITTED))
-    ours = float(off_the_plane_mm(data, FITTED, x, z).mean())
-    targets, fixed = opencv_targets(data, FITTED), data.fixed_from_moving
-    for method in MOTIONS:
-        pose = opencv_hand_eye(fixed, targets, method)
-        board = target_in_fixed(fixed, pose, targets)
-        yield Row(
-            "ChArUco set, on the board, robot at its word",
-            "mm",
-            ours,
-            float(off_the_plane_mm(data, FITTED, pose, board).mean()),
-            f"OpenCV {method}",
-            0.75,
-            None,
-            clock.mean_s("rigid"),
-            None,
-        )
-    for words, names in (
-        ("with slack", ()),
-        ("with slack, f, c, k1 refined", ("fx_px", "fy_px", "cx_px", "cy_px", "k1")),
-    ):
-        prior = CameraPrior(
-            FITTED, names, np.diag([3.0, 3, 3, 3, 0.01][: len(names)]) ** 2
-        )
-        result = clock.run(
-            words, lambda p=prior: calibrate_hand_eye(data, p, CHARUCO_ROBOT)
-        )
-        found = result.solution
-        pair = only(found.moving_from_camera), only(found.fixed_from_target)
-        mean = float(off_the_plane_mm(data, found.camera, *pair).mean())
-        name = f"ChArUco set, on the board, {words}"
-        yield Row(name, "mm", mean, None, "", None, None, clock.mean_s(words), None)
