@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from mvp.geometry.edges import edge_table
 from mvp.geometry.mesh import TriangleMesh
@@ -98,6 +97,8 @@ def healed(mesh: TriangleMesh) -> tuple[TriangleMesh, HealingReport]:
 def _merged(mesh: TriangleMesh) -> tuple[TriangleMesh, int]:
     """Give coinciding points one index; returns how many points that removed."""
     exact, index = np.unique(mesh.vertices_mm, axis=0, return_inverse=True)
+    from scipy.spatial import cKDTree
+
     pairs = cKDTree(exact).query_pairs(MERGE_MM, output_type="ndarray")
     label = connected_labels(pairs.astype(np.int64), len(exact))
     first = np.unique(label, return_index=True)[1]

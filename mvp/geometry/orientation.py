@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import igl
 import numpy as np
 
 from mvp.geometry.edges import edge_table
@@ -105,5 +104,7 @@ def _depth(mesh: TriangleMesh, piece: IntArray, closed: BoolArray, number: int) 
 
 
 def _winding(mesh: TriangleMesh, faces: IntArray, point: FloatArray) -> float:
+    import igl
+
     vertices = np.array(mesh.vertices_mm)
     return float(np.ravel(igl.winding_number(vertices, np.array(faces), point))[0])

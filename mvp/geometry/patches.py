@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from mvp.geometry.edges import EdgeTable, edge_table
 
@@ -23,6 +21,9 @@ _SMOOTH_RAD = np.deg2rad(32.0)
 
 def connected_labels(pairs: IntArray, count: int) -> IntArray:
     """Label (count,) of the connected component of each node, from pairs (p, 2)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     graph = coo_array(
         (np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])),
         shape=(count, count),

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from mvp.errors import FrameError
 from mvp.geometry.arrays import FloatArray, as_points
@@ -67,6 +66,8 @@ class Pose:
         cls, target: str, source: str, rotvec_rad: ArrayLike, translation_mm: ArrayLike
     ) -> Pose:
         """From a rotation vector (3,) in rad and a translation (3,) in mm."""
+        from scipy.spatial.transform import Rotation
+
         rotation = Rotation.from_rotvec(np.asarray(rotvec_rad, dtype=np.float64))
         return cls(target, source, rotation.as_matrix(), np.asarray(translation_mm))
 
@@ -81,6 +82,8 @@ class Pose:
     @property
     def rotvec_rad(self) -> FloatArray:
         """The rotation vector (3,), rad."""
+        from scipy.spatial.transform import Rotation
+
         return np.asarray(Rotation.from_matrix(self.rotation).as_rotvec())
 
     def __matmul__(self, other: Pose) -> Pose:
@@ -121,5 +124,7 @@ class Pose:
 
     def angle_to_rad(self, other: Pose) -> float:
         """Angle of the rotation between two poses of the same frames."""
+        from scipy.spatial.transform import Rotation
+
         between = Rotation.from_matrix(self.rotation.T @ other.rotation)
         return float(between.magnitude())

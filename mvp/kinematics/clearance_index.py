@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 if TYPE_CHECKING:
     from mvp.geometry import FloatArray
@@ -92,6 +91,8 @@ def _displaced(bodies: Capsules, centres_mm: FloatArray) -> Capsules:
     turn = np.zeros((12, 3))
     turn[3:6] = _STEP_RAD * np.eye(3)
     shift[6:], turn[6:] = -shift[:6], -turn[:6]
+    from scipy.spatial.transform import Rotation
+
     rotation = Rotation.from_rotvec(turn).as_matrix()
 
     def moved(points: FloatArray) -> FloatArray:

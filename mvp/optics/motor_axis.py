@@ -7,12 +7,12 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from mvp.errors import CalibrationError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+    from scipy.interpolate import PchipInterpolator
 
     from mvp.calibrated.models import AxisTable
     from mvp.geometry import FloatArray
@@ -26,6 +26,8 @@ _SAME_MM = 1e-6
 @lru_cache(maxsize=64)
 def _curve_through(steps: bytes, values_mm: bytes) -> PchipInterpolator:
     """Tables are built from one file again and again, their curves once."""
+    from scipy.interpolate import PchipInterpolator
+
     return PchipInterpolator(np.frombuffer(steps), np.frombuffer(values_mm))
 
 

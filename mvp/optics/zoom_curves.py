@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -63,6 +62,8 @@ class ZoomCurves:
         asked = np.clip(np.asarray(steps, np.float64), self.steps[0], self.steps[-1])
         if len(self.steps) == 1:
             return np.full(asked.shape, known[0])
+        from scipy.interpolate import PchipInterpolator
+
         return np.asarray(PchipInterpolator(self.steps, known)(asked))
 
     def at(self, steps: float) -> ZoomOptics:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -185,3 +187,15 @@ def test_every_variable_that_is_announced_can_be_sent(profile: str) -> None:
     assert said["actual_q"] == robot.arm.joints.tolist()
     assert "payload_inertia" in said
     assert ("actual_qdd" in said) == (profile in ("e5.23", "x10.11"))
+
+
+def test_a_simulated_arm_starts_without_heavy_libraries() -> None:
+    code = (
+        "import sys; import drivers.simulators.ur.__main__;"
+        "heavy = {'scipy', 'igl', 'cv2', 'trimesh'}.intersection(sys.modules);"
+        "sys.exit(f'imported {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
