@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from calibration.planar import homography
+from calibration.targets.discs import disc_centres, find_discs
 from calibration.targets.layout import Charuco, Chessboard, CircleGrid
 from calibration.targets.not_found import why_no_board
 from mvp.errors import CalibrationError
@@ -78,7 +78,8 @@ def detect(grey: NDArray[np.uint8], target: Target) -> Detection | Rejection:
     if grey.ndim != 2 or grey.dtype != np.uint8:
         raise ValueError("a grey picture of 8 bits is needed")
     if isinstance(target, CircleGrid):
-        found = _discs(grey, target)
+        middles = find_discs(grey, target)
+        found = None if middles is None else (np.arange(len(middles)), middles)
     elif isinstance(target, Charuco):
         found = _charuco(grey, target)
     else:
@@ -172,48 +173,6 @@ def _charuco(
     if ids is None or len(ids) < _LEAST_POINTS:
         return None
     return np.asarray(ids, dtype=np.int64).ravel(), _flat(corners)
-
-
-def _discs(
-    grey: NDArray[np.uint8], target: CircleGrid
-) -> tuple[IntArray, FloatArray] | None:
-    kind = (
-        cv2.CALIB_CB_ASYMMETRIC_GRID
-        if target.asymmetric
-        else cv2.CALIB_CB_SYMMETRIC_GRID
-    )
-    size = (target.columns, target.rows)
-    found, centres = cv2.findCirclesGrid(grey, size, flags=kind)
-    if not found:
-        return None
-    return np.arange(target.columns * target.rows), _flat(centres)
-
-
-def disc_centres(
-    target: CircleGrid, points: FloatArray, pixels: FloatArray
-) -> FloatArray:
-    """From the middle of the ellipse to the image of the disc's centre.
-
-    A tilted disc is an ellipse whose middle is not the image of the centre. The
-    difference follows from the plane's homography H: the conic of a disc becomes
-    H^-T C H^-1, and the middle of an ellipse is the pole of the line at infinity.
-    """
-    matrix = homography(points[:, :2], pixels)
-    radius = target.diameter_mm / 2
-    x, y = points[:, 0], points[:, 1]
-    one, zero = np.ones_like(x), np.zeros_like(x)
-    dual = np.stack(
-        [
-            np.stack([x * x - radius**2, x * y, x], axis=-1),
-            np.stack([x * y, y * y - radius**2, y], axis=-1),
-            np.stack([x, y, one], axis=-1),
-        ],
-        axis=-2,
-    )
-    pole = matrix @ dual @ matrix.T @ np.array([0, 0, 1.0])
-    centre = np.stack([x, y, one + zero], axis=-1) @ matrix.T
-    bias = pole[:, :2] / pole[:, 2:] - centre[:, :2] / centre[:, 2:]
-    return np.asarray(pixels - bias)
 
 
 def _spacing(pixels: FloatArray) -> FloatArray:
