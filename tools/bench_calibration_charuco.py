@@ -37,7 +37,11 @@ if TYPE_CHECKING:
 
 CHARUCO = Path(__file__).parents[2] / "shared" / "data" / "hand_eye_charuco"
 ROBOT = RobotNoise(1.0, float(np.radians(0.2)))
-SHIPPED = PinholeCamera(1400, 1400, 800, 600)
+# The set comes with a guess and with the outcome of a calibration.
+SHIPPED = {
+    "f 1400": PinholeCamera(1400, 1400, 800, 600),
+    "f 1352": PinholeCamera(1352.02747, 1356.14287, 789.67065, 627.2995),
+}
 BAR_MM = 0.75
 LEAST = ("fx_px", "fy_px", "cx_px", "cy_px", "k1")
 CAMERAS = {
@@ -120,11 +124,8 @@ def bench_charuco(trials: int, rng: np.random.Generator) -> Iterator[Row]:
     if not (CHARUCO / "corners.npz").exists():
         return
     data = charuco_data()
-    refused = calibrate_hand_eye(data, SHIPPED, ROBOT).verdict
-    x, z = rigid(data, SHIPPED)
-    shipped = float(off_the_plane_mm(data, SHIPPED, x, z).mean())
-    said = f"{refused.grade}: {', '.join(sorted(refused.codes()))}"
-    yield _row("camera as shipped, robot at its word", "mm", shipped, said)
+    for words, camera in SHIPPED.items():
+        yield from _as_shipped(words, data, camera)
     least = camera_of(data, LEAST)
     for words, free in CAMERAS.items():
         found = camera_of(data, free)
@@ -136,6 +137,17 @@ def bench_charuco(trials: int, rng: np.random.Generator) -> Iterator[Row]:
         yield from _at_its_word(words, data, found.camera)
         for refined in (False, True):
             yield from _with_slack(words, data, found.camera, refined=refined)
+
+
+def _as_shipped(words: str, data: HandEyeData, camera: PinholeCamera) -> Iterator[Row]:
+    """The same figure, and what the verdict says instead of a transform."""
+    verdict = calibrate_hand_eye(data, camera, ROBOT).verdict
+    said = f"{verdict.grade}: {', '.join(sorted(verdict.codes()))}"
+    off = off_the_plane_mm(data, camera, *rigid(data, camera))
+    what = f"as shipped, {words}: robot at its word"
+    yield _row(f"{what}, mean", "mm", float(off.mean()), said)
+    yield _row(f"{what}, sd", "mm", float(off.std()))
+    yield _row(f"{what}, largest", "mm", float(off.max()))
 
 
 def _at_its_word(words: str, data: HandEyeData, camera: PinholeCamera) -> Iterator[Row]:

@@ -19,6 +19,8 @@ from tools.bench_calibration_rows import Clock, Row, rms
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from calibration.camera import CameraOptions
+
 CAMERA = PinholeCamera(1500.0, 1500.0, 645.0, 475.0, k1=-0.1)
 SIZE_PX, NOISE_PX, VIEWS = (1280, 960), 0.1, 14
 BENDS = {
@@ -43,19 +45,21 @@ def bent(points: np.ndarray, bow_mm: float, stretch: float) -> np.ndarray:
     return points * [1, 1 + stretch, 1] + np.outer(bow, [0, 0, 1.0])
 
 
-def views(rng: np.random.Generator, printed: np.ndarray) -> Observations:
+def views(
+    rng: np.random.Generator, printed: np.ndarray, count: int = VIEWS
+) -> Observations:
     """Tilted by 32 deg about axes all around."""
-    about = rng.uniform(0, 1) + 2 * np.pi * np.arange(VIEWS) / VIEWS
+    about = rng.uniform(0, 1) + 2 * np.pi * np.arange(count) / count
     axis = np.stack([np.cos(about), np.sin(about), 0 * about], axis=1)
     roll = Rotation.from_rotvec(np.outer(0.7 * np.cos(3 * about), [0, 0, 1.0]))
     turns = (Rotation.from_rotvec(np.radians(32.0) * axis) * roll).as_matrix()
-    places = np.array([0, 0, 420.0]) + rng.uniform(-8, 8, (VIEWS, 3))
+    places = np.array([0, 0, 420.0]) + rng.uniform(-8, 8, (count, 3))
     pixels = [
         project(CAMERA, turn, place, printed)
         + rng.normal(0, NOISE_PX, (len(printed), 2))
         for turn, place in zip(turns, places, strict=True)
     ]
-    return Observations.from_views([board()] * VIEWS, pixels, size_px=SIZE_PX)
+    return Observations.from_views([board()] * count, pixels, size_px=SIZE_PX)
 
 
 def opencv_focal(seen: Observations, *, released: bool) -> float:
@@ -106,3 +110,28 @@ def bench_bent(trials: int, rng: np.random.Generator) -> Iterator[Row]:
                 clock.mean_s("ours"),
                 clock.mean_s(f"cv2 {released}"),
             )
+    yield from cost_of_the_shape(trials, rng, how)
+
+
+def cost_of_the_shape(
+    trials: int, rng: np.random.Generator, how: CameraOptions
+) -> Iterator[Row]:
+    """What is stated of f on a flat board, its shape sought or taken at its word."""
+    for count in (VIEWS, 4):
+        clock, sought, told = Clock(), [], []
+        for _ in range(trials):
+            seen = views(rng, board(), count)
+            for sigmas, one in ((sought, how), (told, replace(how, shape=None))):
+                found = clock.run("ours", lambda s=seen, o=one: calibrate_camera(s, o))
+                sigmas.append(found.sigma_of("fx_px"))
+        yield Row(
+            f"target, flat: stated deviation of f, {count} views",
+            "px",
+            rms(sought),
+            rms(told),
+            "ours, the board taken at its word",
+            None,
+            None,
+            clock.mean_s("ours"),
+            None,
+        )
