@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -16,7 +17,7 @@ from mvp.planning.linear import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection
 
     from mvp.constraints.base import Kind
     from mvp.geometry import BoolArray, FloatArray, IntArray
@@ -112,7 +113,12 @@ class Step:
 
     y: FloatArray
     predicted: float
-    duals: Duals
+    find_duals: Callable[[], Duals]
+
+    @property
+    def duals(self) -> Duals:
+        """Who limits it; worked out when asked for, as few steps are."""
+        return self.find_duals()
 
 
 class Table(Protocol):
@@ -193,8 +199,8 @@ class LinearModel:
         if solution is None:
             return None
         chosen = np.concatenate([grouped, floored])
-        duals = self._duals(solution, chosen, names, state)
         y = np.clip(solution.x[: self.chart.n], low, high)
+        duals = partial(self._duals, solution, chosen, names, state)
         return Step(y, float(cost @ solution.x), duals)
 
     def _relevant(
