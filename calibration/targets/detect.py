@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
+from calibration.planar import homography
 from calibration.targets.discs import disc_centres, find_discs
 from calibration.targets.layout import Charuco, Chessboard, CircleGrid
 from calibration.targets.not_found import why_no_board
@@ -39,7 +40,7 @@ class Detection:
         ids: (m,), rows of the target's ``points_mm``.
         points_mm: (m, 3) in the target frame.
         pixels: (m, 2).
-        spacing_px: (m,), distance to the nearest neighbour in the picture.
+        spacing_px: (m,), distance to where the nearest neighbour lies, found or not.
         half_window_px: (m,), of the refinement; 0 for discs.
     """
 
@@ -88,11 +89,17 @@ def detect(grey: NDArray[np.uint8], target: Target) -> Detection | Rejection:
         return _not_found(grey, target)
     ids, pixels = found
     points = target.points_mm[ids]
+    try:
+        spacing = _spacing(target, ids, pixels)
+    except ValueError:
+        return Rejection(
+            "points-on-a-line",
+            f"the {len(ids)} points of the target that were found lie on a line",
+            "show more of it; find out what hides the rest",
+        )
     if isinstance(target, CircleGrid):
-        spacing = _spacing(pixels)
         centres = disc_centres(target, points, pixels)
         return Detection(ids, points, centres, spacing, np.zeros(len(ids), np.int64))
-    spacing = _spacing(pixels)
     half = half_windows(spacing, _free_share(target))
     return Detection(ids, points, _refined(grey, pixels, half), spacing, half)
 
@@ -175,8 +182,12 @@ def _charuco(
     return np.asarray(ids, dtype=np.int64).ravel(), _flat(corners)
 
 
-def _spacing(pixels: FloatArray) -> FloatArray:
-    return np.asarray(cKDTree(pixels).query(pixels, k=2)[0][:, 1])
+def _spacing(target: Target, ids: IntArray, pixels: FloatArray) -> FloatArray:
+    """(m,) px to the nearest neighbour on the target; it may be hidden or too dark."""
+    points = np.column_stack([target.points_mm[:, :2], np.ones(len(target.points_mm))])
+    images = points @ homography(points[ids, :2], pixels).T
+    places = images[:, :2] / images[:, 2:]
+    return np.asarray(cKDTree(places).query(places[ids], k=2)[0][:, 1])
 
 
 def _refined(grey: NDArray[np.uint8], pixels: FloatArray, half: IntArray) -> FloatArray:

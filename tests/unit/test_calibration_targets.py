@@ -165,6 +165,34 @@ def test_the_window_of_a_corner_never_reaches_the_next_corner():
     assert found.half_window_px.max() <= 6
 
 
+def test_a_corner_whose_neighbours_are_hidden_is_found_as_well_as_any():
+    """A window sized from corners far away would take in the markers."""
+    grey, truth = picture_of(CHARUCO)
+    alone, column = 12, truth[:, 0].reshape(5, 7).mean(axis=0)
+    square = np.linalg.norm(truth[alone] - truth[alone - 1])
+    y, x = np.indices(grey.shape)
+    near = np.maximum(*(abs(a - b) for a, b in zip((x, y), truth[alone], strict=True)))
+    hidden = (x > column[2] + square / 2) & (near > 1.15 * square)
+    found = detect(np.where(hidden, 128, grey).astype(np.uint8), CHARUCO)
+    assert isinstance(found, Detection)
+    others = np.abs(found.ids - alone)
+    assert sorted(others)[0] == 0
+    assert not np.isin(found.ids, [alone - 7, alone - 1, alone + 1, alone + 7]).any()
+    assert (found.half_window_px < 0.3 * square).all()
+    assert np.linalg.norm(found.pixels - truth[found.ids], axis=1).max() < 0.15
+
+
+def test_points_on_a_line_are_no_target():
+    grey, truth = picture_of(CHARUCO)
+    y = np.indices(grey.shape)[0]
+    row = truth[14:21, 1]
+    square = np.linalg.norm(truth[1] - truth[0])
+    hidden = (y < row.min() - 1.05 * square) | (y > row.max() + 1.05 * square)
+    found = detect(np.where(hidden, 128, grey).astype(np.uint8), CHARUCO)
+    assert isinstance(found, Rejection)
+    assert found.code == "points-on-a-line"
+
+
 def reason(grey, target=BOARD):
     with pytest.raises(CalibrationError) as refused:
         gather([Picture("one", grey)], target)
