@@ -5,6 +5,7 @@ Answers are kept with the session: a result says under which conditions it was m
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from calibration.wizard.caliper import size_told
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from mvp.wizard import Answer, Step
 
 WARM, FLAT = "warm_minutes", "target_flat"
+_UNKNOWN = "unknown"
+_UNIT = re.compile(r"\s*(\N{DEGREE SIGN}|deg)?\s*C$", re.IGNORECASE)
 _COLD_C, _HOT_C = -40.0, 90.0
 WARM_MINUTES = 30.0  # after which a camera's sensor and mount hardly move any more
 
@@ -33,25 +36,49 @@ def temperature_told(store: SessionStore) -> Generator[Step, Answer, None]:
     """From cell file or device, else from the operator, else unknown, which is said."""
     if store.facts.temperature_c is not None or store.recall(TEMPERATURE) is not None:
         return
-    told = yield Ask(
-        TEMPERATURE,
-        "temperature at lens and camera in deg C, or unknown",
-        "text",
-        "unknown",
-    )
+    value = yield from _celsius_asked()
+    store.remember(TEMPERATURE, _UNKNOWN if value is None else value)
+    if value is None:
+        yield Say(
+            "the temperature is unknown: a later change of it cannot be noticed; state "
+            "temperature_c in [conditions] of the cell file",
+            "warning",
+        )
+
+
+def _celsius_asked() -> Generator[Step, Answer, float | None]:
+    """Until it is a temperature, or nobody knows it: None."""
+    while True:
+        told = yield Ask(
+            TEMPERATURE,
+            "temperature at lens and camera in deg C, or unknown",
+            "text",
+            _UNKNOWN,
+        )
+        try:
+            return _celsius(told)
+        except ValueError as error:
+            yield Say(f"{error}; once more", "warning")
+
+
+def _celsius(told: Answer) -> float | None:
+    """What was typed, with or without its unit; None: nobody knows.
+
+    Raises:
+        ValueError: no temperature that a camera could have.
+    """
+    if isinstance(told, Word):
+        raise ValueError("there is nothing to take back or to finish yet")
+    text = str("" if told is None else told).strip()
+    if text.lower() in ("", _UNKNOWN):
+        return None
     try:
-        value = float(str(told).replace(",", "."))
+        value = float(_UNIT.sub("", text).replace(",", "."))
     except ValueError:
-        value = float("nan")
-    if _COLD_C < value < _HOT_C:
-        store.remember(TEMPERATURE, value)
-        return
-    store.remember(TEMPERATURE, "unknown")
-    yield Say(
-        "the temperature is unknown: a later change of it cannot be noticed; state "
-        "temperature_c in [conditions] of the cell file",
-        "warning",
-    )
+        raise ValueError(f"{text} is not a number of degrees Celsius") from None
+    if not _COLD_C < value < _HOT_C:
+        raise ValueError(f"{text} is not between {_COLD_C:.0f} and {_HOT_C:.0f} deg C")
+    return value
 
 
 def _warm(store: SessionStore) -> Generator[Step, Answer, None]:

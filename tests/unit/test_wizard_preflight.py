@@ -96,10 +96,12 @@ def test_a_temperature_that_cell_file_or_device_tell_is_not_asked() -> None:
     [
         ("21.5", 21.5),
         ("21,5", 21.5),
+        ("21 C", 21.0),
+        ("21 \N{DEGREE SIGN}C", 21.0),
+        ("21.5C", 21.5),
         (None, "unknown"),
-        ("warm", "unknown"),
-        ("294.6", "unknown"),
-        (Word.UNDO, "unknown"),
+        ("", "unknown"),
+        ("Unknown", "unknown"),
     ],
 )
 def test_the_operator_is_asked_for_the_temperature_once(
@@ -116,6 +118,27 @@ def test_the_operator_is_asked_for_the_temperature_once(
     told = (kept, "operator") if known else (None, "unknown")
     assert temperature_of(store) == told
     assert played(temperature_told(store)) == []  # a resumed session
+
+
+@pytest.mark.parametrize(
+    ("typed", "why"),
+    [
+        ("warm", "warm is not a number of degrees Celsius"),
+        ("294.6", "not between -40 and 90 deg C"),
+        ("300 C", "not between -40 and 90 deg C"),
+        ("nan", "not between -40 and 90 deg C"),
+        (Word.UNDO, "nothing to take back"),
+    ],
+)
+def test_a_mistyped_temperature_is_asked_again_with_the_reason(
+    typed: Answer, why: str
+) -> None:
+    store: Any = Kept(temperature_c=None)
+    first, said, second = played(temperature_told(store), typed, "21 C")
+    assert isinstance(said, Say)
+    assert why in said.text
+    assert first == second
+    assert store.kept == {TEMPERATURE: 21.0}
 
 
 def test_every_wizard_asks_for_the_temperature_first(tmp_path: Path) -> None:
