@@ -137,7 +137,9 @@ def _check_optics(path: Path, file: CameraFile) -> None:
             "outside of the picture",
             "state it in px from the top-left pixel",
         )
-    if not np.isfinite(to_normalised(camera, _border(file))).all():
+    with np.errstate(all="ignore"):  # what is too large for a float shows as nan
+        border = to_normalised(camera, _border(file))
+    if not np.isfinite(border).all():
         raise _refused(
             path,
             f"{distortion}: this distortion folds over inside of the picture",

@@ -119,9 +119,13 @@ def parse_camera(text: str) -> CameraFile:
 
 
 def with_notes(text: str, notes: Sequence[str]) -> str:
-    """The same file with lines of comment, which all three programs pass over."""
+    """The same file with lines of comment, which all three programs pass over.
+
+    YAML has no control characters, not even there: they are left out.
+    """
     head, mark, body = text.rpartition("---\n")
-    lines = "".join(f"# {' '.join(note.split())}\n" for note in notes)
+    plain = (" ".join(note.split()) for note in notes)
+    lines = "".join(f"# {''.join(filter(str.isprintable, n))}\n" for n in plain)
     return head + mark + lines + body
 
 
@@ -234,7 +238,12 @@ def _refuse_other_models(data: Mapping[str, Value]) -> None:
         raise _foreign(f"camera_model is {data['camera_model']}")
     roi = data.get("roi")
     parts = {f"roi.{key}": value for key, value in roi.items()} if _is_map(roi) else {}
-    parts = {k: v for k, v in parts.items() if k != "roi.do_rectify"}
+    whole = {
+        "roi.width": data.get(_key(data, "image_width", "width")),
+        "roi.height": data.get(_key(data, "image_height", "height")),
+        "roi.do_rectify": parts.get("roi.do_rectify"),
+    }
+    parts = {k: v for k, v in parts.items() if v != whole.get(k)}
     binned = {key: data.get(key) for key in ("binning_x", "binning_y")}
     for key, value in (parts | {k: v for k, v in binned.items() if v != 1.0}).items():
         if value:

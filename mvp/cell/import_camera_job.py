@@ -105,7 +105,7 @@ def _statement(cell: LoadedCell, request: ImportRequest) -> CameraStatement:
         serial=request.serial.strip(),
         date=_date(request.date.strip()),
         temperature_c=warm,
-        sigmas=dict(_sigma(one) for one in request.sigmas),
+        sigmas=_sigmas(request.sigmas),
     )
 
 
@@ -119,6 +119,19 @@ def _date(text: str) -> str:
     if found > datetime.now(UTC).date() + timedelta(days=1):
         raise _cannot_be("--date", text, "a day that is past")
     return found.isoformat()
+
+
+def _sigmas(texts: Sequence[str]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for name, value in map(_sigma, texts):
+        if name in found:
+            raise UsageError(
+                f"--sigma {name} is said twice: {found[name]:g} and {value:g}",
+                hint="say it once",
+                where="--sigma",
+            )
+        found[name] = value
+    return found
 
 
 def _sigma(text: str) -> tuple[str, float]:

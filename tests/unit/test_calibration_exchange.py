@@ -244,6 +244,36 @@ def test_comments_stand_where_every_reader_passes_over_them(tmp_path):
     storage.release()
 
 
+def test_a_comment_keeps_printable_characters_only():
+    text = with_notes(
+        kalibr_camchain(FILE), ["no \x00\x1b[1m7\x7f\ud800 of \xb5m\ufffe"]
+    )
+    assert text.startswith("# no [1m7 of \xb5m\n")
+    assert parse_camera(text).camera == FILE.camera
+
+
+ROI = "roi:\n  x_offset: {}\n  y_offset: 0\n  height: {}\n  width: {}\n  do_rectify: false\n"
+
+
+@pytest.mark.parametrize("size", [(0, 0), (480, 640)])
+def test_a_part_of_the_picture_that_is_all_of_it_is_read(size):
+    text = ros_camera_info(FILE) + ROI.format(0, *size)
+    assert parse_camera(text).camera == FILE.camera
+
+
+@pytest.mark.parametrize(
+    ("roi", "words"),
+    [
+        ((8, 480, 640), "roi.x_offset"),
+        ((0, 480, 320), "roi.width"),
+        ((0, 640, 0), "height"),
+    ],
+)
+def test_a_part_of_the_picture_is_refused(roi, words):
+    with pytest.raises(CalibrationError, match=words):
+        parse_camera(ros_camera_info(FILE) + ROI.format(*roi))
+
+
 def test_quotes_and_comments_are_told_apart():
     text = "a: it's # so\nb: 'x # y' # z\nc: \"p: q\"\nd: n#m"
     found = read_plain_yaml(text)

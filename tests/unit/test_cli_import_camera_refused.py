@@ -86,6 +86,7 @@ BAD = [
     ("kalibr", scaled("intrinsics", 10.0), "intrinsics: fx = 26"),
     ("kalibr", swapped("cs: [", "cs: [5"), "intrinsics: fx / fy is 20"),
     ("kalibr", scaled("distortion_coeffs", 100.0), "coeffs: this distortion folds"),
+    ("kalibr", swapped("coeffs: [-0.1", "coeffs: [1e300"), "this distortion folds"),
     ("kalibr", swapped("643.2", "6432"), "the principal point (6432, 508.7)"),
     ("kalibr", swapped("radtan", "none"), "4 numbers, but distortion_model is none"),
     ("kalibr", swapped("508.7", ".nan"), "intrinsics must be 4 numbers"),
@@ -163,6 +164,7 @@ def test_the_unit_of_the_focal_length_is_guessed(
         (("--sigma", "cx_px=-1"), "cannot be a standard deviation"),
         (("--sigma", "cx_px=50"), "cannot be a standard deviation"),
         (("--sigma", "focal=1"), "there is no such value"),
+        (("--sigma", "cx_px=2", "--sigma", " cx_px=3"), "--sigma cx_px is said twice"),
     ],
 )
 def test_what_a_person_says_must_make_sense(
