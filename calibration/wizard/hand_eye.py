@@ -43,6 +43,7 @@ from calibration.wizard.preflight import before_pictures, temperature_told
 from calibration.wizard.session_store import Sample, SessionStore
 from calibration.wizard.touch import touched, with_touch
 from calibration.wizard.working import setting_of
+from mvp.cell.calibration_gates import IMPORTED
 from mvp.wizard import Covered, Forecast, Outcome, Say, Word
 
 if TYPE_CHECKING:
@@ -107,10 +108,16 @@ def _before(facts: SessionFacts, setting: Setting) -> Generator[Step, Answer, No
     )
     for name, found in (("camera", facts.camera), ("lens", facts.lens_table)):
         if found.provenance.origin == "nominal":
+            imported = any(cause.code == IMPORTED for cause in found.quality.causes)
+            why = (
+                "was imported, and nobody says when it was measured and with which "
+                f"{name}: the result may be poor"
+                if imported
+                else "was not calibrated yet: its data sheet is used, and the result will "
+                "be poor"
+            )
             yield Say(
-                f"the {name} was not calibrated yet: its data sheet is used, and the "
-                f"result will be poor; run `mvp-cell calibrate {name}` first",
-                "warning",
+                f"the {name} {why}; run `mvp-cell calibrate {name}` first", "warning"
             )
 
 

@@ -18,7 +18,8 @@ from calibration.wizard.preflight import FLAT, WARM, before_pictures, temperatur
 from calibration.wizard.provenance import TEMPERATURE, temperature_of
 from calibration.wizard.session_store import SessionStore
 from calibration.wizard.touch import TOUCHED, touched, with_touch
-from mvp.calibrated import Quality
+from mvp.calibrated import Quality, VerdictCause
+from mvp.cell.calibration_gates import IMPORTED
 from mvp.cli.wizard_view import TerminalView
 from mvp.wizard import Ask, Outcome, Say, Wait, WizardOptions, Word
 from tests import wizard_play
@@ -149,6 +150,26 @@ def test_every_wizard_asks_for_the_temperature_first(tmp_path: Path) -> None:
             steps = wizard.steps(cell.bench, store, WizardOptions())
             asked = next(step for step in steps if isinstance(step, Ask))
             assert asked.key == TEMPERATURE
+    finally:
+        cell.close()
+
+
+def test_hand_eye_says_why_a_nominal_camera_is_poor_to_build_on(tmp_path: Path) -> None:
+    said_of = {"few-views": "its data sheet is used", IMPORTED: "was imported"}
+    cell = Cell("hand-eye")
+    try:
+        for code, words in said_of.items():
+            cause = VerdictCause(code=code, grade="marginal", message="m", action="a")
+            judged = Quality(verdict="marginal", causes=[cause])
+            made = cell.facts.camera.provenance.model_copy(update={"origin": "nominal"})
+            camera = cell.facts.camera.model_copy(
+                update={"provenance": made, "quality": judged}
+            )
+            facts = cell.facts.model_copy(update={"camera": camera})
+            store = SessionStore.create(tmp_path / code, facts)
+            steps = HandEyeWizard().steps(cell.bench, store, WizardOptions())
+            said = (step.text for step in steps if isinstance(step, Say))
+            assert words in next(text for text in said if text.startswith("the camera"))
     finally:
         cell.close()
 
