@@ -60,6 +60,13 @@ class YamlCameraFiles:
     def read(self, path: Path, stated: CameraStatement) -> ImportedCamera:
         """See ``CameraFiles``."""
         file = read_camera(path)
+        if file.simulated and not stated.simulated:
+            raise _refused(
+                path,
+                "this camera comes from a simulated cell, as its notes say, and cannot "
+                "be used on a real one",
+                "name a file of a camera that was measured on this cell",
+            )
         _check_size(path, file, stated.sensor)
         _check_focal(path, file, stated)
         _check_optics(path, file)

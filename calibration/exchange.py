@@ -7,6 +7,7 @@ and rational models) and what theirs cannot say (k3 in Kalibr) is refused, never
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeGuard
 
@@ -16,6 +17,7 @@ from calibration.plain_yaml import PlainYamlError, read_plain_yaml
 from calibration.projection import PinholeCamera
 from mvp.errors import CalibrationError
 from mvp.fileedge import read_file
+from mvp.wizard import OF_SIMULATED_CELL
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -28,6 +30,7 @@ _LARGEST_FILE = 1 << 20
 _HINT = "name an OpenCV, ROS camera_info or Kalibr camchain file of a pinhole camera"
 _PLAIN_MODELS = ("pinhole", "PINHOLE")
 _ROS_MODELS = ("plumb_bob", "rational_polynomial")
+_NOTE_OF_SIMULATED = re.compile(rf"^# camera .*\b{OF_SIMULATED_CELL} ", re.MULTILINE)
 _TERMS = (0, 4, 5, 8, 12, 14)  # as OpenCV has them
 _OPENCV_KEYS = frozenset(
     ("camera_matrix", "distortion_coefficients", "image_width", "image_height")
@@ -54,6 +57,7 @@ class CameraFile:
         format: opencv, ros or kalibr, of a file that was read; so are all that follow.
         keys: under which the file has intrinsics, distortion and size.
         unused: keys that say nothing about intrinsics.
+        simulated: its notes say that it was exported from a simulated cell.
         sha256: of the file.
     """
 
@@ -64,6 +68,7 @@ class CameraFile:
     format: str = ""
     keys: tuple[str, str, str] = ("", "", "")
     unused: tuple[str, ...] = ()
+    simulated: bool = False
     sha256: str = ""
 
 
@@ -77,8 +82,12 @@ def read_camera(path: Path) -> CameraFile:
     try:
         if len(content) > _LARGEST_FILE:
             raise CalibrationError("larger than any camera file", hint=_HINT)
-        found = parse_camera(content.decode("utf-8"))
-        return replace(found, sha256=hashlib.sha256(content).hexdigest())
+        text = content.decode("utf-8")
+        return replace(
+            parse_camera(text),
+            simulated=_NOTE_OF_SIMULATED.search(text) is not None,
+            sha256=hashlib.sha256(content).hexdigest(),
+        )
     except (PlainYamlError, UnicodeDecodeError) as error:
         raise CalibrationError(
             f"{path}: {error}", hint=_HINT, where=str(path)

@@ -14,7 +14,7 @@ from mvp.errors import CalibrationError, InputError, UsageError
 from mvp.kinematics import intrinsics_of
 from mvp.optics import LensTable, principal_distance_mm
 from mvp.planning.plan import LensSteps
-from mvp.wizard import load_camera_files
+from mvp.wizard import OF_SIMULATED_CELL, load_camera_files
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -185,9 +185,10 @@ def _principal_mm(lens: LensSetting) -> float:
 
 def _notes(cell: LoadedCell, found: _Setting, accepted: str) -> list[str]:
     """For whoever opens the file: it is true of one cell, at one setting."""
-    made, kind = found.camera.provenance, "simulated " if cell.config.simulated else ""
+    made = found.camera.provenance
+    whose = OF_SIMULATED_CELL if cell.config.simulated else "of the cell"
     notes = [
-        f"camera {made.device_serial or 'of unknown serial number'} of the {kind}cell "
+        f"camera {made.device_serial or 'of unknown serial number'} {whose} "
         f"{cell.config.name}",
         f"holds for {found.words}",
         f"{made.origin}, {made.date}, {found.camera.quality.verdict.upper()}",

@@ -44,6 +44,7 @@ a number that the store tells.
 """
 
 from mvp.wizard.camera_files import (
+    OF_SIMULATED_CELL,
     CameraFiles,
     CameraStatement,
     ImportedCamera,
@@ -80,6 +81,7 @@ from mvp.wizard.steps import (
 from mvp.wizard.target_sheet import TargetSheet, load_target_drawer
 
 __all__ = [
+    "OF_SIMULATED_CELL",
     "WIZARDS",
     "Allow",
     "Answer",

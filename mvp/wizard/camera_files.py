@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from mvp.calibrated import CameraCalibration
 
 CAMERA_FILES = "mvp_cell.camera_files"
+OF_SIMULATED_CELL = "of the simulated cell"  # in a note, by which such a file is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +70,8 @@ class CameraFiles(Protocol):
         """The camera of a file; the format shows in its content.
 
         Raises:
-            CalibrationError: not such a file, or not of this sensor and lens; names
-                file and key.
+            CalibrationError: not such a file, not of this sensor and lens, or by its
+                notes of a simulated cell, which this one is not; names file and key.
             UsageError: the statement cannot be.
         """
         ...

@@ -119,6 +119,8 @@ def test_a_real_cell_refuses_an_import_until_somebody_accepts_it(
 ) -> None:
     copy_cell("ur_theia_genicam", tmp_path / "real")
     path = exported(cell, "kalibr")
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(line for line in lines if line[0] != "#"))  # by another
     document = told(capsys, "import-camera", tmp_path / "real", path, *said)
     assert not camera_of(tmp_path / "real").provenance.simulated
     loaded = load_unjudged(str(tmp_path / "real")).calibrations
@@ -128,6 +130,20 @@ def test_a_real_cell_refuses_an_import_until_somebody_accepts_it(
     assert [one.text for one in mine] == [
         one["text"] for one in document["objections"] if one["calibration"] == "camera"
     ]
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_camera_of_a_simulated_cell_does_not_become_a_real_one_by_export_and_import(
+    form: str, cell: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    copy_cell("ur_theia_genicam", tmp_path / "real")
+    before = camera_of(tmp_path / "real")
+    path = exported(cell, form)
+    error = told(capsys, "import-camera", tmp_path / "real", path, *SAID, code=2)
+    assert error["message"].startswith(f"{path}: ")
+    assert "comes from a simulated cell" in error["message"]
+    assert error["hint"]
+    assert camera_of(tmp_path / "real") == before
 
 
 def test_what_was_made_with_the_camera_before_is_named(
