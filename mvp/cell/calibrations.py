@@ -83,6 +83,7 @@ def load_calibrations(
     tubes_mm: Sequence[float] = (),
     accept_reason: str = "",
     finds_part: bool = False,
+    replaces: str = "",
 ) -> Calibrations:
     """Read, hash and judge the four files.
 
@@ -93,6 +94,7 @@ def load_calibrations(
         tubes_mm: extension tubes that the lens may have had.
         accept_reason: why a person takes the responsibility for what is refused.
         finds_part: the part's pose is only where to begin to look for it.
+        replaces: the calibration that is about to be replaced, and refused by nothing.
 
     Raises:
         CalibrationError: missing, unreadable, foreign or too poor; all of it.
@@ -121,7 +123,7 @@ def load_calibrations(
         found.files,
         {name: sha256_of(path) for name, path in found.files.items()},
         tuple(objections),
-        require_accepted(objections, accept_reason),
+        require_accepted((o for o in objections if o.name != replaces), accept_reason),
     )
 
 

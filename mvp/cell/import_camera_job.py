@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 from mvp.cell.calibrate_folders import put_in_place
 from mvp.cell.calibrate_job import LOCK_NAME, refuse_bundled
 from mvp.cell.calibration_gates import of_file
+from mvp.cell.calibration_items import UNJUDGED
 from mvp.cell.calibration_stale import of_inputs
-from mvp.cell.check_job import load_unjudged
 from mvp.cell.exchange_documents import ImportCameraDocument, ImportObjection
 from mvp.cell.in_use import using_devices
 from mvp.cell.interrupts import uninterrupted
-from mvp.cell.loading import read_cell
+from mvp.cell.loading import load_cell, read_cell
 from mvp.cell.lock import cell_lock
 from mvp.errors import UsageError
 from mvp.optics import LensTable
@@ -67,7 +67,7 @@ def import_camera(
         OutputError: the disk does not take it.
     """
     refuse_bundled(read_cell(cell)[0].path)
-    loaded = load_unjudged(cell)
+    loaded = load_cell(cell, accept_calibration=UNJUDGED, replaces="camera")
     statement = _statement(loaded, request)
     found = load_camera_files().read(path, statement)
     place = loaded.calibrations.files["camera"]

@@ -125,7 +125,11 @@ class LoadedTask:
 
 
 def load_cell(
-    cell: str, *, accept_calibration: str = "", finds_part: bool = False
+    cell: str,
+    *,
+    accept_calibration: str = "",
+    finds_part: bool = False,
+    replaces: str = "",
 ) -> LoadedCell:
     """Load a cell by path or bundled name, with its calibration.
 
@@ -133,6 +137,7 @@ def load_cell(
         cell: path or name.
         accept_calibration: why a person accepts what would be refused.
         finds_part: the part's pose is only where to begin to look for it.
+        replaces: the calibration that is about to be replaced, and refused by nothing.
 
     Raises:
         UsageError: no such cell.
@@ -157,6 +162,7 @@ def load_cell(
         tubes_mm=[config.optics.mounted_tube_mm, *config.optics.extension_tubes_mm],
         accept_reason=accept_calibration,
         finds_part=finds_part,
+        replaces=replaces,
     )
     dh_file = _dh_file(source, config)
     own = [dh_file] if dh_file is not None else []

@@ -146,6 +146,22 @@ def test_a_camera_of_a_simulated_cell_does_not_become_a_real_one_by_export_and_i
     assert camera_of(tmp_path / "real") == before
 
 
+def test_an_import_replaces_a_camera_that_nobody_may_accept(
+    cell: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    real = tmp_path / "real"
+    copy_cell("ur_theia_genicam", real)
+    text = exported(cell, "ros").read_text()
+    (cell / "theirs.yaml").write_text(text.replace(" simulated cell ", " cell "))
+    made = camera_of(real).provenance.model_dump() | {"simulated": True}
+    changed(real, "camera", provenance=made)
+    with pytest.raises(CalibrationError, match="comes from a simulated cell"):
+        load_unjudged(str(real))
+    told(capsys, "import-camera", real, cell / "theirs.yaml", *SAID)
+    assert not camera_of(real).provenance.simulated
+    load_unjudged(str(real))
+
+
 def test_what_was_made_with_the_camera_before_is_named(
     cell: Path, capsys: Capture
 ) -> None:
