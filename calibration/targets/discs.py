@@ -2,11 +2,13 @@
 
 The contour of a blob moves with the light and the blur across a disc, by about the same
 over a part of the picture; a calibration takes that for the lens. The centre of what a
-disc darkens does not: every pixel is divided by the white around its disc.
+disc darkens does not: every pixel is divided by the white around its disc. Where that is not evenly
+white the blob's own middle stays.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import cv2
@@ -21,11 +23,16 @@ if TYPE_CHECKING:
     from calibration.targets.layout import CircleGrid
     from mvp.geometry import FloatArray
 
-# Parts of the gap between two discs: white of this disc alone, however blurred.
-_WHITE_FROM, _WHITE_TO = 0.25, 0.6
+# White of one disc alone, however blurred: parts of the gap between two discs; what is
+# printed around the outermost discs has half a pitch of white.
+_WHITE_FROM, _WHITE_TO, _MARGIN, _BLURRED_TO = 0.25, 0.6, 0.45, 0.5
 _NARROWEST_GAP_PX = 4.0
 _ROUNDS = 2
 _FEWEST_WHITE = 12
+# Farther off than this share of the step to black, white is something else: a shadow's
+# edge, the table beside the print.
+_EVEN_SHARE = 0.25
+_FARTHEST_SHARE = 0.25
 
 
 def find_discs(grey: NDArray[np.uint8], target: CircleGrid) -> FloatArray | None:
@@ -47,14 +54,15 @@ def refined_middles(
 ) -> FloatArray:
     """The middles (n, 2) of what the discs darken, from middles (n, 2) of blobs.
 
-    A disc too close to the border of the picture, or to its neighbours, stays as it is.
+    A disc stays as it is when it is too close to the border of the picture or to its
+    neighbours, or when what lies around it is not evenly white.
     """
     points = target.points_mm
+    rings = _Rings.of(target)
     for _ in range(_ROUNDS):
         slopes = _slopes(homography(points[:, :2], pixels), points)
-        pixels = np.array(
-            [_middle(grey, target, *disc) for disc in zip(pixels, slopes, strict=True)]
-        )
+        discs = zip(pixels, slopes, strict=True)
+        pixels = np.array([_middle(grey, rings, *disc) for disc in discs])
     return pixels
 
 
@@ -94,31 +102,57 @@ def _slopes(matrix: FloatArray, points: FloatArray) -> FloatArray:
     )
 
 
+@dataclass(frozen=True)
+class _Rings:
+    """Radii on the target, mm: of a disc, and between which it is white around it.
+
+    ``gap``: between two discs.
+    """
+
+    disc: float
+    inner: float
+    outer: float
+    gap: float
+
+    @classmethod
+    def of(cls, target: CircleGrid) -> _Rings:
+        radius = target.diameter_mm / 2
+        points = target.points_mm
+        gap = float(cKDTree(points).query(points[0], k=2)[0][1]) - 2 * radius
+        inner = radius + min(_WHITE_FROM * gap, _BLURRED_TO * radius)
+        outer = radius + min(_WHITE_TO * gap, _MARGIN * target.pitch.mm)
+        return cls(radius, inner, outer, gap)
+
+
 def _middle(
-    grey: NDArray[np.uint8], target: CircleGrid, pixel: FloatArray, slope: FloatArray
+    grey: NDArray[np.uint8], rings: _Rings, pixel: FloatArray, slope: FloatArray
 ) -> FloatArray:
     """Of one disc, (2,)."""
-    radius = target.diameter_mm / 2
-    spacing = cKDTree(target.points_mm).query(target.points_mm[0], k=2)[0][1]
-    gap = spacing - target.diameter_mm
-    if gap * np.linalg.svd(slope)[1][1] < _NARROWEST_GAP_PX:
+    smallest = float(np.linalg.svd(slope)[1][1])
+    reach = np.linalg.norm(slope, axis=1)
+    whole = (rings.inner * reach + 1 < _room(grey, pixel)).all()
+    if not whole or rings.gap * smallest < _NARROWEST_GAP_PX:
         return pixel
-    inner, outer = radius + _WHITE_FROM * gap, radius + _WHITE_TO * gap
-    reach = outer * np.linalg.norm(slope, axis=1)
-    low = np.maximum(np.floor(pixel - reach), 0).astype(int)
-    high = np.minimum(np.ceil(pixel + reach) + 1, grey.shape[::-1]).astype(int)
+    low = np.maximum(np.floor(pixel - rings.outer * reach), 0).astype(int)
+    high = np.ceil(pixel + rings.outer * reach).astype(int) + 1
+    high = np.minimum(high, grey.shape[::-1])
     patch = grey[low[1] : high[1], low[0] : high[0]].astype(np.float64)
     y, x = np.mgrid[low[1] : high[1], low[0] : high[0]]
     off = np.stack([x - pixel[0], y - pixel[1]], axis=-1)
     away = np.linalg.norm(off @ np.linalg.inv(slope).T, axis=-1)
-    white = (away > inner) & (away < outer)
-    whole = (inner * np.linalg.norm(slope, axis=1) + 1 < _room(grey, pixel)).all()
-    if not whole or white.sum() < _FEWEST_WHITE:
+    white = (away > rings.inner) & (away < rings.outer)
+    black = away < rings.disc / 2
+    if white.sum() < _FEWEST_WHITE or not black.any():
         return pixel
     plane = np.concatenate([np.ones((*off.shape[:2], 1)), off], axis=-1)
     level = plane @ np.linalg.lstsq(plane[white], patch[white], rcond=None)[0]
-    darkened = np.where(away < outer, 1 - patch / np.maximum(level, 1.0), 0.0)
-    return np.asarray(pixel + np.einsum("ij,ijk->k", darkened, off) / darkened.sum())
+    step = float((level - patch)[black].mean())
+    if np.abs(patch - level)[white].max() > _EVEN_SHARE * step:
+        return pixel
+    darkened = np.where(away < rings.inner, 1 - patch / np.maximum(level, 1.0), 0.0)
+    move = np.einsum("ij,ijk->k", darkened, off) / darkened.sum()
+    far = np.linalg.norm(move) > _FARTHEST_SHARE * rings.disc * smallest
+    return pixel if far else np.asarray(pixel + move)
 
 
 def _room(grey: NDArray[np.uint8], pixel: FloatArray) -> FloatArray:

@@ -118,11 +118,42 @@ def test_light_and_blur_across_a_disc_do_not_move_it(target, blur):
     x, y = np.meshgrid(*(np.linspace(0, 1, count) for count in SIZE))
     rng = np.random.default_rng(1)
     lit = grey * (1 - 0.3 * x - 0.3 * y - 0.15 * x**2) + rng.normal(0, 1, grey.shape)
-    found = detect(np.clip(np.round(lit), 0, 255).astype(np.uint8), target)
-    assert isinstance(found, Detection)
-    error = min((found.pixels - c for c in (truth, truth[::-1])), key=np.linalg.norm)
+    error = errors_of_discs(lit, target, truth)
     assert np.linalg.norm(error.mean(axis=0)) < 0.005
     assert np.sqrt((error**2).sum(axis=1).mean()) < 0.01
+
+
+SMALL = CircleGrid(7, 6, nominal(22.0), 7.0)
+SMALL_SHIFTED = CircleGrid(4, 9, nominal(15.0), 7.5, asymmetric=True)
+
+
+def errors_of_discs(grey, target, truth):
+    found = detect(np.clip(np.round(grey), 0, 255).astype(np.uint8), target)
+    assert isinstance(found, Detection)
+    return min((found.pixels - c for c in (truth, truth[::-1])), key=np.linalg.norm)
+
+
+@pytest.mark.parametrize("target", [DISCS, SMALL, SHIFTED, SMALL_SHIFTED])
+@pytest.mark.parametrize("white_mm", ["as printed", 2.0])
+def test_a_dark_table_beside_the_print_is_not_taken_for_white(target, white_mm):
+    grey, truth = picture_of(target, level=(20, 235))
+    margin = target.pitch.mm / 2 if white_mm == "as printed" else white_mm
+    reach = (target.diameter_mm / 2 + margin) * PAPER_PX_PER_MM * 0.33
+    outside = np.ones(grey.shape, np.uint8)
+    cv2.fillConvexPoly(outside, cv2.convexHull(np.round(truth).astype(np.int32)), 0)
+    dark = cv2.distanceTransform(outside, cv2.DIST_L2, 5) > reach
+    error = errors_of_discs(np.where(dark, 60, grey), target, truth)
+    assert np.linalg.norm(error, axis=1).max() < 0.05
+
+
+@pytest.mark.parametrize("target", [DISCS, SHIFTED])
+def test_the_edge_of_a_shadow_moves_no_disc_far(target):
+    """OpenCV's blobs are moved by it too."""
+    grey, truth = picture_of(target, level=(20, 235))
+    x = np.indices(grey.shape)[1]
+    lit = grey * np.where(x > SIZE[0] / 2 + 11, 0.5, 1.0)
+    error = errors_of_discs(lit, target, truth)
+    assert np.linalg.norm(error, axis=1).max() < 1.0
 
 
 def test_the_middle_of_an_ellipse_is_not_taken_for_the_middle_of_the_disc():
