@@ -123,8 +123,8 @@ class Stage:
             edge_feature("vertical", (12.7, 0, -12.7), (12.7, 0, 12.7), self.mesh),
         )
 
-    def expectation(self, setting: Setting) -> ViewExpectation:
-        """What plan and CAD say."""
+    def expectation(self, setting: Setting, *, auxiliary: int = 13) -> ViewExpectation:
+        """What plan and CAD say, with some edges besides those of the features."""
         return expect_view(
             self.features,
             self.mesh,
@@ -139,6 +139,7 @@ class Stage:
             tolerance=self.tolerance,
             requirements={f.id: Requirement(1.0, 1.0) for f in self.features},
             light=self.light if self.light_known else None,
+            auxiliary=auxiliary,
         )
 
     def planned(self, view: str, e_mm: float) -> tuple[Setting, ViewExpectation, float]:

@@ -8,18 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from mvp.imaging import ViewTolerance, expect_view, expose, measure_part
+from mvp.imaging import ViewTolerance, expose, measure_part
 from mvp.optics import Sensor
-from mvp.scene import cad_edges
+from mvp.scene import paper_object
 from tools.picture_trials import (
-    C_MM,
     Setting,
     Stage,
-    intrinsics_of,
     look_along,
     metered_s,
     paper_setting,
-    paper_stage,
 )
 
 if TYPE_CHECKING:
@@ -54,25 +51,8 @@ HALF_SATURATED = Look("V_f1", (166, 71, 286), (-12, -37, -14), 1.6, 1.8)
 
 @pytest.fixture(scope="module")
 def stage() -> Stage:
-    return paper_stage(Sensor(640, 512, 0.0096, 0.0096))
-
-
-def expected(stage: Stage, setting: Setting) -> ViewExpectation:
-    return expect_view(
-        stage.features,
-        stage.mesh,
-        cad_edges(stage.mesh),
-        setting.pose,
-        f_mm=setting.f_mm,
-        d_mm=setting.d_mm,
-        a_mm=setting.a_mm,
-        e_mm=setting.e_mm,
-        intrinsics=intrinsics_of(stage.sensor),
-        c_mm=C_MM,
-        tolerance=LOOSE,
-        light=stage.light,
-        auxiliary=24,
-    )
+    sensor = Sensor(640, 512, 0.0096, 0.0096)
+    return Stage(paper_object(), sensor, tolerance=LOOSE)
 
 
 def pulls(image: FloatArray, expectation: ViewExpectation) -> dict[str, FloatArray]:
@@ -95,7 +75,7 @@ def pulls(image: FloatArray, expectation: ViewExpectation) -> dict[str, FloatArr
 @pytest.mark.parametrize("look", [FAINT, HALF_SATURATED], ids=["faint", "saturated"])
 def test_lines_lie_where_they_are_stated_to_lie(stage: Stage, look: Look) -> None:
     """Neither faint steps on shaded faces nor saturated pixels move a line unsaid."""
-    expectation = expected(stage, look.setting)
+    expectation = stage.expectation(look.setting, auxiliary=24)
     picture = stage.picture(look.setting)
     exposure_s = look.exposed * metered_s(picture, expectation)
     image = expose(picture, exposure_s, rng=np.random.default_rng(5))
