@@ -104,7 +104,10 @@ def _words(
             "deviations of one number: the two results agree."
         )
     if before.origin == "nominal":
-        end = "the device is not what was written down unmeasured; use the measured values."
+        end = (
+            "the device is not what its data sheet or an imported file says; use the "
+            "measured values."
+        )
     elif kind == "part":
         end = f"the part stands elsewhere than on {before.date}."
     else:
